@@ -7,6 +7,7 @@ polynomial per cell, a recurrence for one polynomial of the whole box.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from itertools import combinations_with_replacement, product
 from math import prod
 from types import ModuleType
@@ -251,60 +252,60 @@ def cell_field_and_gradient(c: Any, x: Any, y: Any, z: Any) -> tuple[Any, ...]:
 
     a0, a1, b1, a2, b2, a3, b3 = c[9], c[10], c[11], c[12], c[13], c[14], c[15]
     s = a0 * z + a1 * p11 + b1 * q11
-    zz += s
-    ezz += 0.5 * s
+    zz = zz + s
+    ezz = ezz + 0.5 * s
     s = a1 * z + (a2 - 2.0 * a0) * p11 + b2 * q11
-    xz += s
-    exz += 0.5 * s
+    xz = xz + s
+    exz = exz + 0.5 * s
     s = b1 * z + b2 * p11 - (a2 + 2.0 * a0) * q11
-    yz += s
-    eyz += 0.5 * s
+    yz = yz + s
+    eyz = eyz + 0.5 * s
     s = a2 * z + (a3 - a1) * p11 + (b3 + b1) * q11
-    dd += s
-    edd += 0.5 * s
+    dd = dd + s
+    edd = edd + 0.5 * s
     s = b2 * z + (b3 - b1) * p11 - (a3 + a1) * q11
-    xy += s
-    exy += 0.5 * s
+    xy = xy + s
+    exy = exy + 0.5 * s
 
     third = 1.0 / 3.0
     a0, a1, b1, a2, b2, a3, b3, a4, b4 = c[16], c[17], c[18], c[19], c[20], c[21], c[22], c[23], c[24]
     s = a0 * p20 + a1 * p21 + b1 * q21 + a2 * p22 + b2 * q22
-    zz += s
-    ezz += third * s
+    zz = zz + s
+    ezz = ezz + third * s
     s = a1 * p20 + (a2 - 2.0 * a0) * p21 + b2 * q21 + (a3 - a1) * p22 + (b3 - b1) * q22
-    xz += s
-    exz += third * s
+    xz = xz + s
+    exz = exz + third * s
     s = b1 * p20 + b2 * p21 - (a2 + 2.0 * a0) * q21 + (b3 + b1) * p22 - (a3 + a1) * q22
-    yz += s
-    eyz += third * s
+    yz = yz + s
+    eyz = eyz + third * s
     s = a2 * p20 + (a3 - a1) * p21 + (b3 + b1) * q21 + (a4 + 2.0 * a0) * p22 + b4 * q22
-    dd += s
-    edd += third * s
+    dd = dd + s
+    edd = edd + third * s
     s = b2 * p20 + (b3 - b1) * p21 - (a3 + a1) * q21 + b4 * p22 - (a4 - 2.0 * a0) * q22
-    xy += s
-    exy += third * s
+    xy = xy + s
+    exy = exy + third * s
 
     a0, a1, b1, a2, b2, a3, b3, a4, b4 = c[25], c[26], c[27], c[28], c[29], c[30], c[31], c[32], c[33]
     a5, b5 = c[34], c[35]
     s = a0 * p30 + a1 * p31 + b1 * q31 + a2 * p32 + b2 * q32 + a3 * p33 + b3 * q33
-    zz += s
-    ezz += 0.25 * s
+    zz = zz + s
+    ezz = ezz + 0.25 * s
     s = a1 * p30 + (a2 - 2.0 * a0) * p31 + b2 * q31 + (a3 - a1) * p32 + (b3 - b1) * q32
     s += (a4 - a2) * p33 + (b4 - b2) * q33
-    xz += s
-    exz += 0.25 * s
+    xz = xz + s
+    exz = exz + 0.25 * s
     s = b1 * p30 + b2 * p31 - (a2 + 2.0 * a0) * q31 + (b3 + b1) * p32 - (a3 + a1) * q32
     s += (b4 + b2) * p33 - (a4 + a2) * q33
-    yz += s
-    eyz += 0.25 * s
+    yz = yz + s
+    eyz = eyz + 0.25 * s
     s = a2 * p30 + (a3 - a1) * p31 + (b3 + b1) * q31 + (a4 + 2.0 * a0) * p32 + b4 * q32
     s += (a5 + a1) * p33 + (b5 + b1) * q33
-    dd += s
-    edd += 0.25 * s
+    dd = dd + s
+    edd = edd + 0.25 * s
     s = b2 * p30 + (b3 - b1) * p31 - (a3 + a1) * q31 + b4 * p32 - (a4 - 2.0 * a0) * q32
     s += (b5 - b1) * p33 - (a5 - a1) * q33
-    xy += s
-    exy += 0.25 * s
+    xy = xy + s
+    exy = exy + 0.25 * s
 
     xz, yz, xy = 0.5 * xz, 0.5 * yz, 0.25 * xy
     exz, eyz, exy = 0.5 * exz, 0.5 * eyz, 0.25 * exy
@@ -352,9 +353,8 @@ class _Polynomials:
             x, y, z = (local[..., axis] for axis in range(3))
             bx, by, bz, xx, xy, xz, yy, yz, zz = cell_field_and_gradient(jnp.moveaxis(c, -1, 0), x, y, z)
         else:
-            flux = self._derivatives(c, local, 1)
-            bx, by, bz = (flux[..., i] for i in range(3))
-            xx, xy, xz, yy, yz, zz = (self._derivatives(c, local, 2)[..., k] for k in range(6))
+            bx, by, bz = jnp.moveaxis(self._derivatives(c, local, 1), -1, 0)
+            xx, xy, xz, yy, yz, zz = jnp.moveaxis(self._derivatives(c, local, 2), -1, 0)
         # Times NaN, not instead of it: derivatives are NaN there as well.
         outside = jnp.where(good, 1.0, jnp.nan)[..., None]
         flux = jnp.stack([bx, by, bz], axis=-1) * outside
@@ -441,6 +441,7 @@ def _axes(order: int) -> list[tuple[int, ...]]:
     return list(combinations_with_replacement(range(3), order))
 
 
+@cache
 def _derivative(degree: int, axes: tuple[int, ...]) -> Array:
     """Matrix that takes coefficients of a polynomial of this degree to those of a derivative."""
     matrix = np.eye((degree + 1) ** 2)

@@ -163,10 +163,11 @@ def problem_fingerprint(problem: DesignProblem) -> str:
         f"{one.label} {getattr(one.of, '__qualname__', type(one.of).__name__)}" for one in problem.numbers
     ]
     settings = (
-        [(one.key, one.linked) for one in problem.variables],
+        # Whole: the text of a record leaves out what is long.
+        [(one.key, [plain_fields(follower) for follower in one.linked]) for one in problem.variables],
         sorted(numbers),
         [plain_fields(one) for one in problem.current_sets],
-        replace(problem.iron, refinement=1.0),
+        plain_fields(replace(problem.iron, refinement=1.0)),
         plain([record.points, record.force_share, record.current_limit, record.box]),
     )
     return fingerprint((*device.texts, *map(repr, settings)), CODE)

@@ -176,13 +176,13 @@ class Signals(records.Record):
 def _given_or_looked_for(keys: Any) -> None:
     names = [name for name in type(keys).model_fields if name != "name" and getattr(keys, name) is not None]
     received, signals = ", ".join(names) or "none of them", keys.lift_and_directions
-    divided = None if signals is None else signals.u_A
-    given = [keys.amperes_A is not None, divided is not None]
+    divided = signals is not None and signals.u_A is not None
     if keys.carries_at_mm is None:
-        if sum(given) != 1 or keys.shares is not None:
+        ways = [keys.amperes_A, signals]
+        if ways.count(None) != 1 or keys.shares is not None or divided != (signals is not None):
             must_hold = "a set of currents has amperes_A or lift_and_directions with u_A, or carries_at_mm"
             raise broken(must_hold, received, "give one of them")
-    elif any(given):
+    elif keys.amperes_A is not None or divided:
         must_hold = "currents that carry the payload are looked for: only their shares can be given"
         raise broken(must_hold, received, "write shares, or lift_and_directions without u_A")
     elif keys.shares is not None and signals is not None:

@@ -196,6 +196,12 @@ class OperatingPoint:
         return self.device.payload
 
     @property
+    def current_limit(self) -> float:
+        """Of every coil, A; the same checks have seen to it."""
+        assert self.record.current_limit is not None
+        return self.record.current_limit
+
+    @property
     def box(self) -> tuple[Array, Array]:
         """Corners of the box around the workspace, m."""
         assert self.device.bounds is not None
@@ -251,14 +257,14 @@ def _area(point: OperatingPoint) -> Numbers:
 
 
 def _reach(point: OperatingPoint) -> Numbers:
-    shares, limit = point.entry.shares, float(point.record.current_limit or 0.0)
+    shares, limit = point.entry.shares, point.current_limit
     currents = limit / np.abs(shares).max() * shares
     over = 0.5 * (point.box[0] + point.box[1]) if point.entry.carried_at is None else point.entry.carried_at
     return {"reach_height": lowest_lift_height(point.field, currents, point.payload, over)}
 
 
 def _reachable_share(point: OperatingPoint) -> Numbers:
-    field, limit = point.iron.field, float(point.record.current_limit or 0.0)
+    field, limit = point.iron.field, point.current_limit
     assert isinstance(field, LinearSolution)  # the checks of studies and designs
     return {"reachable_share": controllable_share(field, point.payload, *point.box, limit)}
 

@@ -15,6 +15,7 @@ from fieldmap.interop import write_c32_files
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData
 from tests.docs.pages import ROOT, blocks
+from tests.refusals import refused
 
 HERE = Path(__file__).parent / "c"
 STRICT = ["-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wshadow"]
@@ -152,6 +153,18 @@ def test_too_many_numbers_and_a_hermite_form_are_refused(ring, tmp_path, monkeyp
         with pytest.raises(InputError):
             write_c32_files(field, tmp_path / "lift.h")
     assert not list(tmp_path.iterdir())
+
+
+def test_as_many_numbers_as_allowed_are_written(ring, tmp_path, monkeypatch):
+    """Six coils of one polynomial of degree 6: 6 x 49."""
+    field = interpolate(cut(ring.data, (2, 2, 3)), "global")
+    for most in (294, 293):
+        monkeypatch.setattr("fieldmap.interop.c_map._MOST_CONSTANTS", most)
+        if most == 294:
+            assert "lift_coefficients[294]" in write_c32_files(field, tmp_path / "lift.h")[0].read_text()
+            continue
+        with refused(InputError, where="write_c32_files, field", received="294"):
+            write_c32_files(field, tmp_path / "lift.h")
 
 
 def test_names_of_coils_stand_in_a_comment_whatever_they_hold(ring, tmp_path):

@@ -2,7 +2,9 @@
 
 import re
 import shutil
+import struct
 import subprocess
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +53,10 @@ def saturating(ring, coils, of, lower, upper, fixed=False, outside_currents="rai
         law=np.arange(POINTS) % 2,
         law_offset=[0, 3, 6],
         law_knots=[0, 1e-3, 3e-3] * 2,
-        law_coefficients=[[0, 0, 2e3, 0], [0, -1999 / 4e-3, 2e3, 2], [0, 0, 1, 4.001]] * 2,
+        law_coefficients=[
+            *([0, 0, 2e3, 0], [0, -1999 / 4e-3, 2e3, 2], [0, 0, 1, 4.001]),
+            *([0, 0, 1e3, 0], [0, -999 / 4e-3, 1e3, 1], [0, 0, 1, 2.001]),
+        ],
         air=1e-4 * np.eye(MODES),
         output=rng.standard_normal((2, MODES)),
         known_currents=of.currents(0.5 * (np.array(lower) + upper))[None],
@@ -127,6 +132,33 @@ def test_c_gives_the_numbers_of_python_and_takes_no_memory(program, ring, tmp_pa
     loads = [m.wrench(p, n, i) for p, n, i in zip(points, moments, currents, strict=True)]
     assert np.abs(wrench - loads).max() < 1e-5 * np.abs(loads).max()
     assert np.isfinite(slope).all()
+
+
+def test_the_layout_of_the_file(ring, tmp_path):
+    """As the module states it, read by hand; the fields lie behind the model as a map of given ones."""
+    m = saturating(ring, *KINDS["background"])
+    raw = write_c_iron_map(m, tmp_path / "iron.fmap").read_bytes()
+    head = struct.unpack("=8sIIQIIQ", raw[:40])
+    count = head[6]
+    assert head == (b"fmapiron", 0x01020304, 1, len(raw), zlib.crc32(raw[28:]), 0, count)
+    numbers = np.frombuffer(raw[40:200])
+    # Points, modes, numbers in a row, coils, fields of the iron, a background, laws, knots.
+    assert numbers[[0, 1, 3, 4, 5, 6, 7]].tolist() == [POINTS, MODES, 3, 2, 1, 2, 6]
+    behind = raw[40 + 8 * count :]
+    mark, order, version, size, check, names, block = struct.unpack("=8sIIQIIQ", behind[:40])
+    assert (mark, order, version, size, check) == (
+        b"fieldmap",
+        0x01020304,
+        1,
+        len(behind),
+        zlib.crc32(behind[28:]),
+    )
+    assert names % 8 == 0
+    assert size == 40 + names + 8 * block
+    told = behind[40 : 40 + names].rstrip(b"\0").split(b"\0")
+    assert told == [b"a", b"b", b"c", b"iron 1", b"iron 2", b"background"]
+    with pytest.raises(InputError):
+        write_c_iron_map(ring.map, tmp_path / "iron.fmap")
 
 
 def test_at_the_stated_tolerance_and_outside(program, ring, tmp_path):

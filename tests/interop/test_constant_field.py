@@ -16,8 +16,7 @@ from tests.interop.test_c_map import STRICT, ask, build, questions, wave, wrench
 gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
 
 
-@pytest.fixture(scope="module")
-def data():
+def constant_data():
     """Two coils, and a field that neither drives."""
     grid = Grid([-0.01, -0.01, -0.02], [0.004, 0.005, 0.0025], (6, 5, 5))
     x, y, z = np.moveaxis(grid.points().reshape(6, 5, 5, 3), -1, 0)
@@ -32,6 +31,9 @@ def data():
         fixed_sources=("magnet",),
         constant_field=True,
     )
+
+
+data = pytest.fixture(scope="module")(constant_data)
 
 
 @pytest.fixture(scope="module")

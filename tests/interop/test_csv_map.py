@@ -2,15 +2,20 @@
 
 import csv
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from fieldmap import CircularCoil
 from fieldmap.errors import InputError
-from fieldmap.interop import fit_map, read_measurements, write_csv
+from fieldmap.field import StateField, as_field
+from fieldmap.interop import fit_map, read_measurements, sampling, write_csv
 from fieldmap.interop.sampling import MOST_NODES, sample_grid
 from fieldmap.lookup import interpolate
-from fieldmap.store import Grid, MapData
+from fieldmap.sources import CoilSet
+from fieldmap.store import Grid, MapData, Provenance
+from tests.refusals import refused
 
 CURRENTS = np.array([1.5, 0.5, -1.0, 2.0, 0.0, 1.0])
 
@@ -118,3 +123,60 @@ def test_currents_that_do_not_fit(ring, tmp_path):
         write_csv(ring.map, tmp_path / "file" / "ring.csv")
     assert caught.value.problems[0].where == str(tmp_path / "file" / "ring.csv")
     assert list(tmp_path.iterdir()) == [tmp_path / "file"]
+
+
+def test_nodes_divide_the_box(ring, monkeypatch):
+    """No farther apart than asked, along each side; of a map its own unless asked. The box is 40 x 40 x 60 mm."""
+    for spacing, shape in (
+        (0.01, (5, 5, 7)),
+        (0.0099, (6, 6, 8)),
+        (0.01 / (1 + 1e-12), (5, 5, 7)),
+        (None, (9, 9, 13)),
+    ):
+        grid = sample_grid(ring.map, spacing)
+        assert grid.shape == shape
+        np.testing.assert_allclose([grid.lower, grid.upper], [ring.map.lower, ring.map.upper], atol=1e-15)
+    assert MOST_NODES == 4_000_000
+    for most, fits in ((175, True), (174, False)):
+        monkeypatch.setattr(sampling, "MOST_NODES", most)
+        if fits:
+            sample_grid(ring.map, 0.01)
+            continue
+        # A tenth more than would have as many nodes if they went on evenly.
+        remedy = f"take {1.1 * 10 * (175 / 174) ** (1 / 3):.2g} mm or more"
+        with refused(InputError, where="spacing", received="0.01 m: 175 nodes", remedy=remedy):
+            sample_grid(ring.map, 0.01)
+    for spacing in (0.0, -0.01, np.nan):
+        with refused(InputError, where="spacing", received=repr(spacing)):
+            sample_grid(ring.map, spacing)
+    with refused(InputError, where="spacing", received="none"):
+        sample_grid(as_field(ring.map.at(CURRENTS), (ring.map.lower, ring.map.upper)))
+
+
+def test_what_is_said_above_the_numbers(ring, tmp_path):
+    """Of a map its title and device, of another field the name that is given; the currents of a state."""
+    told = Provenance(title="Six\n loops", device_name="ring")
+    named = interpolate(replace(ring.data, provenance=told))
+    coils = CoilSet(
+        [CircularCoil("left", 0.01, 0.02, 0.01, 100), CircularCoil("right", 0.03, 0.04, 0.01, 50)]
+    )
+    box = np.zeros(3), np.array([0.01, 0.02, 0.03])
+    field, state = as_field(coils, box), StateField(coils.at([1.5, -0.25]), box)
+    for given, how, lines in (
+        (named, {"device": "other"}, ["# Six loops", "# device: ring"]),
+        (field, {"spacing": 0.01, "device": "a\nrig"}, ["# fieldmap", "# device: a rig"]),
+        (state, {"spacing": 0.01}, ["# fieldmap", "# device: not recorded"]),
+    ):
+        text = write_csv(given, tmp_path / "field.csv", **how).read_text().splitlines()
+        assert text[:2] == lines
+        remarks = [line for line in text if line[0] == "#"]
+        assert len(remarks) == 4 + (given is state)
+    assert remarks[-2:] == [
+        "# nodes: 2 x 3 x 4, z fastest",
+        "# I_fixed_A = 1 stands for 1.5 A in coil left, -0.25 A in coil right",
+    ]
+    row = table(tmp_path / "field.csv")[-1]
+    flux = coils.field([0.01, 0.02, 0.03], [1.5, -0.25])
+    assert [float(row[f"B{axis}_T"]) for axis in "xyz"] == pytest.approx(flux, rel=1e-12)
+    assert sampling.sample(field, spacing=0.01).currents_in_words == "1 A in each coil alone"
+    np.testing.assert_array_equal(sampling.sample(field, spacing=0.01).reference, [1.0, 1.0])

@@ -6,6 +6,7 @@ import subprocess
 import xml.etree.ElementTree as ElementTree
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,11 +15,12 @@ from scipy.spatial.transform import Rotation
 import fieldmap
 from fieldmap.dynamics import RigidBody, move_adaptively, prepare, read_scenario, state_of
 from fieldmap.errors import FieldmapError, InputError
-from fieldmap.interop import write_fmu
-from fieldmap.lookup import FiniteMagnet, interpolate
+from fieldmap.interop import fmu, write_fmu
+from fieldmap.lookup import FiniteMagnet, interpolate, magnetic_body
 from fieldmap.store import write_map
 from tests.docs.pages import blocks
 from tests.interop.conftest import STRICT
+from tests.refusals import refused
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
 MOMENT, MASS, HEIGHT = 0.8, 0.01119, -0.09
@@ -365,3 +367,198 @@ def test_a_step_without_end_is_an_error(units, tmp_path, step, duration):
     assert library.fmi2SetReal(unit, (ctypes.c_uint * 1)(39), ctypes.c_size_t(1), numbers([step])) == 0
     assert library.fmi2DoStep(unit, ctypes.c_double(0.0), ctypes.c_double(duration), 0) == 3
     library.fmi2FreeInstance(unit)
+
+
+# Name, first reference, causality, initial, unit and starts.
+EVERY_UNIT = """time 0 independent - s -
+current_{1,2,3,4,5,6} 58 input - A 0 0 0 0 0 0
+strength 33 parameter exact - 1
+field_{x,y,z} 40 output calculated T -
+gradient_{xx,xy,xz,yx,yy,yz,zx,zy,zz} 43 output calculated T/m -
+force_{x,y,z} 52 output calculated N -
+torque_{x,y,z} 55 output calculated N.m -
+"""
+OF_FIELDS = """position_{x,y,z} 1 input - m 0 0 -0.09
+quaternion_{w,x,y,z} 7 input - - 1 0 0 0"""
+OF_BODIES = """position_{x,y,z} 1 output exact m 0 0 -0.09
+quaternion_{w,x,y,z} 7 output exact - 1 0 0 0
+velocity_{x,y,z} 4 output exact m/s 0 0 0
+angular_velocity_{x,y,z} 11 output exact rad/s 0 0 0
+push_{x,y,z} 27 input - N 0 0 0
+twist_{x,y,z} 30 input - N.m 0 0 0
+mass 34 parameter exact kg 0.01119
+inertia_{x,y,z} 35 parameter exact kg.m2 6.8e-7 7.1e-7 1.9e-7
+gravity 38 parameter exact m/s2 9.80665
+step 39 parameter exact s 5e-5
+der(position_{x,y,z}) 14 local calculated m/s -
+der(velocity_{x,y,z}) 17 local calculated m/s2 -
+der(quaternion_{w,x,y,z}) 20 local calculated 1/s -
+der(angular_velocity_{x,y,z}) 24 local calculated rad/s2 -"""
+
+
+def listed(table):
+    """Reference, causality, variability, initial, unit and start by name."""
+    found = {}
+    for line in table.splitlines():
+        name, first, causality, *words = line.split()
+        head, _, rest = name.partition("{")
+        parts, _, tail = rest.partition("}")
+        initial, unit, *starts = (None if word == "-" else word for word in words)
+        kind = "fixed" if causality == "parameter" else "continuous"
+        for k, part in enumerate(parts.split(",")):
+            start = None if starts == [None] else float(starts[k])
+            found[head + part + tail] = (int(first) + k, causality, kind, initial, unit, start)
+    return found
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("name", ["field", "body"])
+def test_what_importers_read(ring, tmp_path, name, version):
+    path = write_fmu(ring.map, tmp_path / "a-unit.fmu", version=version, binary=False, **INSIDE[name])
+    with zipfile.ZipFile(path) as archive:
+        names = archive.namelist()
+        assert {one.date_time for one in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+        root = ElementTree.fromstring(archive.read("modelDescription.xml"))
+        header = archive.read("sources/fmu_model.h").decode()
+    listing = {
+        "resources/map.fmap",
+        *(f"sources/{one}" for one in ("fmu.c", "fieldmap_body.h", "fmu_model.h")),
+    }
+    built = {"sources/buildDescription.xml"} if version == 3 else set()
+    assert set(names) == listing | built | {"modelDescription.xml"}
+    variables = list(root.find("ModelVariables"))
+    inner = [one[0] for one in variables] if version == 2 else variables
+    keys = ("causality", "variability", "initial")
+    found, derived, by_number = {}, {}, {}
+    for k, (one, real) in enumerate(zip(variables, inner, strict=True)):
+        reference, start = int(one.get("valueReference")), real.get("start")
+        start = None if start is None else float(start)
+        found[one.get("name")] = (reference, *map(one.get, keys), real.get("unit"), start)
+        by_number[str(k + 1 if version == 2 else reference)] = one.get("name")
+        if real.get("derivative"):
+            derived[one.get("name")] = real.get("derivative")
+    exact = listed(EVERY_UNIT + {"field": OF_FIELDS, "body": OF_BODIES}[name])
+    assert found == exact
+    assert {key: f"der({by_number[number]})" for key, number in derived.items()} == {
+        key: key for key in derived
+    }
+    states = [key for key in exact if key.startswith("der")]
+    assert sorted(derived) == sorted(states)
+    # What is computed, and from the start on.
+    calculated = [key for key, one in exact.items() if one[3] == "calculated"]
+    outputs = [key for key, one in exact.items() if one[1] == "output"]
+    structure = {}
+    for one in root.find("ModelStructure"):
+        numbers = [part.get("index") for part in one] or [one.get("valueReference")]
+        structure.setdefault(one.tag.removesuffix("s"), []).extend(by_number[number] for number in numbers)
+    prefix = "ContinuousState" if version == 3 else ""
+    groups = {"Output": outputs, f"{prefix}Derivative": states, "InitialUnknown": calculated}
+    assert {k: sorted(v) for k, v in structure.items()} == {k: sorted(v) for k, v in groups.items() if v}
+    assert {one.get("name") for one in root.find("UnitDefinitions")} == {one[4] for one in exact.values()} - {
+        None
+    }
+    token = root.get("guid" if version == 2 else "instantiationToken")
+    assert f'FMU_TOKEN "{token}"' in header
+    assert (root.get("fmiVersion"), root.get("modelName")) == (f"{version}.0", "a_unit")
+    assert root.get("numberOfEventIndicators") == ("0" if version == 2 else None)
+    assert root.find("DefaultExperiment").attrib == {"startTime": "0", "stopTime": "1", "stepSize": "0.001"}
+    keeps = f"canGetAndSetFMU{'s' if version == 2 else 'S'}tate"
+    for kind, more in (
+        ("ModelExchange", {}),
+        ("CoSimulation", {"canHandleVariableCommunicationStepSize": "true"}),
+    ):
+        assert root.find(kind).attrib == {"modelIdentifier": "a_unit", keeps: "true", **more}
+        sources = [one.get("name") for one in root.iterfind(f"{kind}/SourceFiles/File")]
+        assert sources == (["fmu.c"] if version == 2 else [])
+
+
+def test_the_body_inside_obeys_newton_and_euler(units, ring, tmp_path):
+    """Rates of its state under the map's wrench, a push and a twist; with the magnet beside its centre."""
+    root, binary, _ = unpacked(units["body", 2], tmp_path)
+    library, log = ctypes.CDLL(str(binary)), CALLBACK(lambda *_: None)
+    library.fmi2Instantiate.restype = ctypes.c_void_p
+    callbacks = Callbacks(log)
+    guid, resources = root.get("guid").encode(), (tmp_path / "resources").as_uri().encode()
+    unit = ctypes.c_void_p(library.fmi2Instantiate(b"one", 0, guid, resources, ctypes.byref(callbacks), 0, 1))
+
+    def values(first, count, given=None):
+        out = numbers([0.0] * count if given is None else given)
+        call = library.fmi2GetReal if given is None else library.fmi2SetReal
+        assert (
+            call(unit, (ctypes.c_uint * count)(*range(first, first + count)), ctypes.c_size_t(count), out)
+            == 0
+        )
+        return np.array(out)
+
+    place, velocity = np.array([0.003, -0.002, -0.095]), np.array([0.1, -0.2, 0.3])
+    turn, spin = Rotation.from_rotvec([0.3, -0.4, 0.5]), np.array([5.0, -7.0, 11.0])
+    push, twist, currents = np.array([0.01, 0.02, -0.03]), np.array([1e-5, -2e-5, 3e-5]), np.arange(1.0, 7.0)
+    x, y, z, w = turn.as_quat()
+    for first, given in ((1, place), (4, velocity), (7, [w, x, y, z]), (11, spin), (27, push), (30, twist)):
+        values(first, len(given), list(given))
+    values(58, 6, list(currents))
+    values(33, 1, [0.5])
+    moment, seat = 0.5 * turn.apply([0, 0, MOMENT]), turn.apply(BODY.magnet_at)
+    flux, slope = ring.map.field_and_gradient(place + seat, currents)
+    force = moment @ slope
+    torque = np.cross(moment, flux) + np.cross(seat, force)
+    for first, exact in ((40, flux), (43, slope.ravel()), (52, force), (55, torque)):
+        np.testing.assert_allclose(values(first, len(exact)), exact, rtol=1e-11, atol=1e-13)
+    inertia = np.array([6.8e-7, 7.1e-7, 1.9e-7])
+    about = turn.inv().apply(torque + twist)
+    rate = Rotation.from_quat([x, y, z, w]).as_quat()
+    turning = 0.5 * np.array([-spin @ rate[:3], *(w * spin + np.cross(rate[:3], spin))])
+    exact = [*velocity, *((force + push) / MASS - [0, 0, 9.80665]), *turning]
+    exact += [*((about - np.cross(spin, inertia * spin)) / inertia)]
+    np.testing.assert_allclose(values(14, 13), exact, rtol=1e-9, atol=1e-11)
+    library.fmi2FreeInstance(unit)
+
+
+PLACES = [
+    ("linux", "x86_64", 2, "linux64/lift.so"),
+    ("darwin", "arm64", 2, "darwin64/lift.dylib"),
+    ("win32", "AMD64", 2, "win64/lift.dll"),
+    ("linux", "aarch64", 3, "aarch64-linux/lift.so"),
+    ("darwin", "arm64", 3, "aarch64-darwin/lift.dylib"),
+    ("win32", "AMD64", 3, "x86_64-windows/lift.dll"),
+]
+
+
+@pytest.mark.parametrize(("system", "machine", "version", "place"), PLACES)
+def test_the_library_lies_where_importers_look(ring, tmp_path, monkeypatch, system, machine, version, place):
+    """By a stand-in for the compiler."""
+    monkeypatch.setattr(fmu, "sys", SimpleNamespace(platform=system))
+    monkeypatch.setattr(fmu, "platform", SimpleNamespace(machine=lambda: machine))
+    compiler(monkeypatch, tmp_path, 'while [ "$1" != -o ]; do shift; done; echo library > "$2"')
+    with zipfile.ZipFile(write_fmu(ring.map, tmp_path / "lift.fmu", version=version)) as archive:
+        (library,) = (name for name in archive.namelist() if name.startswith("binaries/"))
+        assert library == f"binaries/{place}"
+        assert archive.read(library) == b"library\n"
+
+
+def compiler(monkeypatch, folder, script):
+    (folder / "compiler").write_text(f"#!/bin/sh\n{script}\n")
+    (folder / "compiler").chmod(0o755)
+    monkeypatch.setenv("CC", str(folder / "compiler"))
+
+
+@pytest.mark.parametrize(
+    ("script", "received"),
+    [
+        ("echo 'a.c: warning: odd' >&2; echo 'a.c: error: bad' >&2; exit 3", "error: bad"),
+        ("exit 3", "exit code 3"),
+    ],
+)
+def test_what_a_compiler_says_is_told(ring, tmp_path, monkeypatch, script, received):
+    compiler(monkeypatch, tmp_path, script)
+    with refused(FieldmapError, where="write_fmu", received=received):
+        write_fmu(ring.map, tmp_path / "lift.fmu")
+
+
+def test_soft_iron_has_no_place_in_a_unit(ring, tmp_path):
+    pieces = [
+        fieldmap.PayloadPiece(fieldmap.SoftSphere(8e-3, mu_r=200.0), fieldmap.placed([x, 0, 0]))
+        for x in (0, 0.01)
+    ]
+    with refused(InputError, where="write_fmu(magnet)", received="2 soft pieces"):
+        write_fmu(ring.map, tmp_path / "lift.fmu", magnetic_body(fieldmap.Payload(MASS, pieces=pieces)))

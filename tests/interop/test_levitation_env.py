@@ -1,9 +1,11 @@
 """The environment of Gymnasium: its checker, a controller that holds the magnet, our own simulator, speed, seeds."""
 
+import itertools
 import time
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fieldmap import dynamics
 from fieldmap.core.iron import IronState
@@ -12,7 +14,7 @@ from fieldmap.errors import Infeasible, InputError, OutsideMapError
 from fieldmap.instruments import Amplifier, Converter
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import FiniteMagnet, interpolate
-from fieldmap.store import Grid, MapData
+from fieldmap.store import Grid, MapData, write_map
 
 gymnasium = pytest.importorskip("gymnasium", reason='no Gymnasium (pip install "fieldmap[gymnasium]")')
 from gymnasium.utils.env_checker import check_env  # noqa: E402
@@ -20,6 +22,7 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 from fieldmap.interop.levitation_env import ENVIRONMENT, IRON, LevitationEnv  # noqa: E402
 from tests.docs.pages import blocks  # noqa: E402
 from tests.dynamics.conftest import saturating_map  # noqa: E402
+from tests.refusals import refused  # noqa: E402
 
 MAGNET = FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, 0.8]]))
 
@@ -343,6 +346,99 @@ def test_what_does_not_fit(ring):
     far[2] = 1.0
     with pytest.raises(OutsideMapError):
         env.reset(options={"state": far})
+
+
+def test_what_is_observed():
+    """Place, velocity, the body's axis, angular velocity and currents; noise on the place alone."""
+    noise = np.array([1e-5, 2e-5, 4e-5])
+    env = LevitationEnv(noise=noise)
+    turn = Rotation.from_euler("xyz", [0.3, -0.2, 0.5])
+    x, y, z, w = turn.as_quat()
+    begin = [0.001, -0.002, -0.089, 0.1, 0.2, 0.3, w, x, y, z, 4.0, 5.0, 6.0]
+    seen = np.array([env.reset(seed=k, options={"state": begin})[0] for k in range(200)])
+    exact = [*turn.apply([0, 0, 1]), 4.0, 5.0, 6.0, *env.rest]
+    np.testing.assert_allclose(seen[0, 3:], [0.1, 0.2, 0.3, *exact], rtol=1e-12)
+    off = seen[:, :3] - [0.001, -0.002, 0.001]
+    np.testing.assert_allclose(off.std(axis=0), noise, rtol=0.2)
+    assert np.abs(off.mean(axis=0) / noise).max() < 0.3
+    env = LevitationEnv(noise=[0.0, 0.0, 1e-5])
+    assert np.ptp([env.reset(seed=k, options={"state": begin})[0][:3] for k in range(9)], axis=0)[
+        :2
+    ].tolist() == [0, 0]
+
+
+def test_where_an_episode_begins():
+    """At rest, up to half a millimetre off along each axis, and turned about x and y by up to 0.02 rad."""
+    env = LevitationEnv()
+    states = np.array([(env.reset(seed=k), env.state)[1] for k in range(300)])
+    off, turned = states[:, :3] - [0.0, 0.0, -0.09], Rotation.from_quat(states[:, [7, 8, 9, 6]]).as_rotvec()
+    for seen, reach in ((off, 5e-4), (turned[:, :2], 0.02)):
+        assert (np.abs([seen.min(axis=0) + reach, seen.max(axis=0) - reach]) < 0.04 * reach).all()
+    assert not states[:, 3:6].any()
+    assert not states[:, 10:].any()
+    assert np.abs(turned[:, 2]).max() < 1e-6
+    body = env.body
+    assert (body.mass, body.magnet.moments.tolist()) == (0.01119, [[0.0, 0.0, 0.8]])
+    # A cylinder of 16 mm x 20 mm.
+    np.testing.assert_allclose(body.inertia, [5.5204e-7, 5.5204e-7, 3.5808e-7], rtol=1e-4)
+
+
+def test_air_slows_the_body_unless_another_drag_is_given():
+    """1 mN s/m and 1e-8 N m s; beside our simulator, from a body that moves and turns."""
+    begin = dynamics.state_of([0.0, 0.0, -0.09], (0.1, -0.2, 0.05), (1.0, 0.0, 0.0, 0.0), (20.0, -30.0, 10.0))
+    air = Drag(linear=(1e-3,) * 3, turning=(1e-8,) * 3)
+    ends = []
+    for given, same in ((None, air), (Drag(), None), (Drag(linear=(5e-3,) * 3), Drag(linear=(5e-3,) * 3))):
+        env = LevitationEnv(drag=given, step=1e-4)
+        env.reset(seed=0, options={"state": begin})
+        env.step(np.zeros(6))
+        run = move(env.field.at(env.rest), env.body, begin, env.period, 1e-4, drag=same)
+        np.testing.assert_allclose(env.state, run.states[-1], rtol=1e-9, atol=1e-12)
+        ends.append(env.state)
+    assert np.abs(np.diff(ends, axis=0)).max(axis=1).min() > 1e-5
+
+
+def test_steps_divide_the_period():
+    """As many as are nearest; one at least."""
+    for step, other in ((1.2e-3, 1e-3), (1.0, 2e-3), (1.1e-4, 2e-3 / 18)):
+        ends = []
+        for length in (step, other):
+            env = LevitationEnv(step=length)
+            env.reset(seed=1)
+            env.step(np.full(6, 0.5))
+            ends.append(env.state)
+        np.testing.assert_allclose(*ends, rtol=1e-13)
+    for name, value in (("period", 0.0), ("step", 0.0), ("limit", 0.0), ("start", -1e-9), ("tilt", -1e-9)):
+        with refused(InputError, where=f"LevitationEnv({name})"):
+            LevitationEnv(**{name: value})
+    env = LevitationEnv(start=0.0, tilt=0.0)
+    env.reset(seed=1)
+    assert env.state[[0, 1, 7, 8, 9]].tolist() == [0.0] * 5
+
+
+def test_an_episode_ends_outside_the_map():
+    env = LevitationEnv(limit=1.0)
+    env.reset(seed=0, options={"state": dynamics.state_of([0.0199, 0.0, -0.09], (1.0, 0.0, 0.0))})
+    _, reward, ended, cut, _ = env.step(np.zeros(6))
+    assert (reward, ended, cut) == (0.0, True, False)
+
+
+def test_a_rig_of_ones_own(ring, tmp_path):
+    """A map, its file, or a field with a box; the magnet beside the body's centre; all of it, or nothing."""
+    seat = np.array([1e-3, -2e-3, 3e-3])
+    body = RigidBody(0.02, np.full(3, 2e-7), MAGNET, magnet_at=seat)
+    given = {"field": ring.map, "body": body, "target": (0.001, 0.002, -0.095)}
+    rests = []
+    for field in (ring.map, write_map(tmp_path / "ring.h5", ring.data), str(tmp_path / "ring.h5")):
+        env = LevitationEnv(**given | {"field": field})
+        held = ring.map.wrench(np.array(given["target"]) + seat, MAGNET.moments[0], env.rest)[:3]
+        np.testing.assert_allclose(held, [0, 0, 0.02 * 9.80665], atol=1e-7)
+        rests.append(env.rest)
+    np.testing.assert_allclose(rests[1:], [rests[0]] * 2, rtol=1e-9)
+    for count in (1, 2):
+        for names in itertools.combinations(given, count):
+            with refused(InputError, received=f"{count} of them"):
+                LevitationEnv(**{name: given[name] for name in names})
 
 
 def test_the_lines_of_the_documentation(capsys):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fieldmap.errors import InputError, MapFileError
-from fieldmap.interop import read_mag_manip, sample_for_mag_manip, write_mag_manip
+from fieldmap.interop import VectorFields, mag_manip, read_mag_manip, sample_for_mag_manip, write_mag_manip
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData
 
@@ -150,3 +150,157 @@ def test_files_that_are_not_mag_manip(tmp_path, ring):
         write_mag_manip(ring.map, tmp_path / "ring.yaml", spacing=-1.0)
     assert refused.value.problems[0].where == "spacing"
     assert not (tmp_path / "ring.yaml").exists()
+
+
+BOX = Grid([-0.02, -0.01, -0.12], [0.005, 0.004, 0.006], (6, 5, 7))
+
+
+def of_gradient(slope, curvature=0.0):
+    """A map of B = slope x + curvature (x^2 - z^2, 0, -2 x z) on a box of unequal sides."""
+    x, y, z = BOX.points().T
+    flux = BOX.points() @ slope.T + curvature * np.stack([x**2 - z**2, 0 * y, -2 * x * z], axis=1)
+    steep = np.tile(slope, (len(x), 1, 1))
+    steep[:, 0, 0] += 2 * curvature * x
+    steep[:, 0, 2] -= 2 * curvature * z
+    steep[:, 2, 0] -= 2 * curvature * z
+    steep[:, 2, 2] -= 2 * curvature * x
+    shape = (1, *BOX.shape, 3)
+    arrays = {"flux_density": flux.reshape(shape), "gradient": steep.reshape(*shape, 3)}
+    return interpolate(MapData(BOX, ("1",), [1.0], **arrays))
+
+
+def test_a_linear_field_is_read_as_it_is():
+    """Differences are exact for it, central and one-sided: nothing is left but the rounding of the box."""
+    slope = np.array([[1.0, 2.0, 3.0], [2.0, 5.0, -4.0], [3.0, -4.0, -6.0]])
+    sampled = sample_for_mag_manip(of_gradient(slope))
+    assert sampled.count == 7
+    assert sampled.flux_error < 1e-5
+    assert sampled.gradient_error < 1e-5
+    # Single precision beyond the box, by no more than its rounding.
+    for face, edge, sense in (
+        (sampled.lower, [-0.02, -0.01, -0.12], -1),
+        (sampled.upper, [0.005, 0.006, -0.084], 1),
+    ):
+        assert (face == face.astype(np.float32)).all()
+        assert (sense * (face - edge) > 0).all()
+        assert (np.abs(face - edge) < 6e-7 * np.maximum(np.abs(edge), 0.02)).all()
+
+
+def test_a_quadratic_field_is_off_by_what_one_sided_differences_miss():
+    """Of f = a x^2 the slope of an outermost node is off by a h, of the first the interpolation by 4/27 a h^2, at a
+    third of the cell; inside it is exact. The field's other component, -2 a x z, is exact in its own cells."""
+    curvature, count = 50.0, 13
+    sampled = sample_for_mag_manip(of_gradient(np.zeros((3, 3)), curvature), 0.003)
+    assert sampled.count == count
+    h = (sampled.upper - sampled.lower) / (count - 1)
+    # x^2 - z^2: both are off in an edge of the box, with opposite signs; the larger step is that of z.
+    off = 4 / 27 * curvature * max(h[0], h[2]) ** 2
+    x, z = (np.linspace(sampled.lower[k], sampled.upper[k], 200) for k in (0, 2))
+    x, z = np.meshgrid(x, z)
+    size = curvature * np.hypot(x**2 - z**2, 2 * x * z).max()
+    assert sampled.flux_error == pytest.approx(off / size, rel=0.03)
+    # Its slope there by a h along x and along z, in a corner nearly by both.
+    steepest = 0.5 * 8**0.5 / np.hypot(h[0], h[2]) * sampled.gradient_error * np.hypot(0.02, 0.12)
+    assert 0.85 < 2 * steepest < 1.0
+
+
+def test_nodes_are_added_until_the_error_is_small_enough(flat, monkeypatch):
+    """By the square of the spacing, and up to a limit."""
+    begin = sample_for_mag_manip(flat, 0.006)
+    assert (begin.count, begin.map_nodes) == (9, (6, 5, 9))
+    for accuracy, most, count in ((1.001, 99, 9), (0.999, 99, 10), (0.21, 99, 19), (0.2, 12, 12)):
+        monkeypatch.setattr(mag_manip, "ACCURACY", accuracy * begin.flux_error)
+        monkeypatch.setattr(mag_manip, "MOST_NODES", most)
+        assert sample_for_mag_manip(flat).count == count
+    assert sample_for_mag_manip(flat, 0.006).count == 9
+
+
+def test_what_is_said_of_a_field(flat, tmp_path):
+    """Its currents in its name, what was done in a comment, the same numbers for programs."""
+    sampled = sample_for_mag_manip(flat, 0.006, [1.5, -0.25])
+    assert sampled.coil_names == ("1.5 A in coil 1, -0.25 A in coil 4",)
+    middle = flat.field((sampled.lower + sampled.upper) / 2, [1.5, -0.25])
+    assert sampled.flux_density[4, 4, 4, 0] == pytest.approx(middle, rel=1e-5)
+    lines = sampled.write(tmp_path / "fixed.yaml").read_text().splitlines()
+    assert lines[0] == "# coils in current order: 1.5 A in coil 1, -0.25 A in coil 4"
+    assert "6 x 5 x 9 nodes resampled to 9 in each" in lines[1]
+    errors = f"{sampled.flux_error:.1e}", f"{sampled.gradient_error:.1e}"
+    assert [word for word in lines[1].split() if "e-" in word] == [*errors]
+    assert lines[2] == 'name: "fieldmap"'
+    told = {"map_nodes": [6, 5, 9], "nodes": [9, 9, 9]}
+    assert sampled.to_dict() == {
+        **told,
+        "flux_error": sampled.flux_error,
+        "gradient_error": sampled.gradient_error,
+    }
+
+
+@pytest.mark.parametrize(("coils", "last"), [(2, "coil_01"), (100, "coil_99"), (101, "coil_100")])
+def test_keys_of_coils_sort_in_the_order_of_currents(tmp_path, coils, last):
+    """As texts; and what would end a name or a line is left out."""
+    corner, names = np.arange(3.0), tuple(f"a\n{k}" for k in range(coils))
+    data = np.arange(24.0 * coils).reshape(2, 2, 2, coils, 3)
+    made = VectorFields('a "title"\\', names, corner, corner + [1, 2, 4], data, (2, 3, 4), 1e-5, 1e-3)
+    content = load(made.write(tmp_path / "many.yaml"))
+    assert content["name"] == "a  title  "
+    keys = list(content["vfields"])
+    assert keys == sorted(keys)
+    assert keys[-1] == last
+    assert content["vfields"][last]["data"][3] == data[0, 1, 1, -1].tolist()
+    box = {"min_x": 0, "max_x": 1, "min_y": 1, "max_y": 3, "min_z": 2, "max_z": 6}
+    assert {key: content["vfields"][last][key] for key in box} == box
+
+
+def entry(counts, lower, upper, slope):
+    """Of a coil with B = slope x, z fastest."""
+    axes = [np.linspace(*ends) for ends in zip(lower, upper, counts, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    made = {"data": (points @ slope.T).tolist()}
+    for axis, *numbers in zip("xyz", counts, lower, upper, strict=True):
+        made |= {
+            f"{name}_{axis}": number for name, number in zip(("dim", "min", "max"), numbers, strict=True)
+        }
+    return made
+
+
+def test_a_file_of_another_program(tmp_path):
+    """Two coils, each on a grid of its own, listed out of order; nodes as close as the closest of the file."""
+    one = np.array([[1.0, 2.0, 3.0], [2.0, 5.0, -4.0], [3.0, -4.0, -6.0]])
+    other = np.diag([1.0, 2.0, -3.0])
+    fields = {
+        "b": entry((3, 2, 4), (0.0, 0.0, -0.1), (0.02, 0.02, -0.07), other),
+        "a": entry((4, 3, 3), (0.0, 0.0, -0.1), (0.027, 0.03, -0.07), one),
+    }
+    path = tmp_path / "a.yaml"
+    path.write_text(yaml.dump({"vfields": fields}))
+    back = read_mag_manip(path)
+    assert back.data.coil_names == ("a", "b")
+    # Along x 9 mm in the one, 10 mm in the other.
+    assert back.data.grid.shape == (4, 5, 5)
+    field, point = interpolate(back.data), np.array([0.011, 0.007, -0.083])
+    np.testing.assert_allclose(field.unit_field(point), [one @ point, other @ point], atol=1e-8)
+    assert read_mag_manip(path, 0.02).data.grid.shape == (3, 3, 3)
+    # Whole numbers are numbers; too few, too many or rows of two are not read.
+    fields["b"]["data"][0] = [0, 0, 0.3]
+    for data in (fields["b"]["data"], fields["b"]["data"][1:], [[0.0, 0.0]] * 24, [[0.0, 0.0, "x"]] * 24):
+        path.write_text(yaml.dump({"vfields": {"b": fields["b"] | {"data": data}}}))
+        if data is fields["b"]["data"]:
+            assert read_mag_manip(path, 0.02).report.readings == 24
+            continue
+        with pytest.raises(MapFileError):
+            read_mag_manip(path)
+
+
+def test_no_more_than_a_hundred_coils_are_read(tmp_path, monkeypatch):
+    small = entry((2, 2, 2), (0, 0, 0), (1, 1, 1), np.eye(3))
+
+    def refusal(coils):
+        (tmp_path / "a.yaml").write_text(yaml.dump({"vfields": {f"c{k:03}": small for k in range(coils)}}))
+        with pytest.raises(InputError) as caught:
+            read_mag_manip(tmp_path / "a.yaml")
+        return caught.value.problems[0]
+
+    assert refusal(101).received == "101 vfields, where 1 to 100 are read"
+    monkeypatch.setattr(mag_manip, "MOST_COILS", 2)
+    # Eight readings are too few for a fit, which is tried.
+    assert [refusal(coils).where for coils in (2, 3)] == ["fit_map", str(tmp_path / "a.yaml")]

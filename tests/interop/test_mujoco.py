@@ -162,6 +162,18 @@ def test_currents_that_are_assigned_are_checked_like_the_first(ring):
     np.testing.assert_array_equal(magnets.currents, np.ones(6))
 
 
+def test_the_wrench_on_a_body_by_its_number(ring):
+    model, data = scene(0.004, -0.003, -0.1, tilt=40.0)
+    mujoco.mj_forward(model, data)
+    magnets = MagnetForces(model, ring.map, {"float": [0, 0, 1]}, CURRENTS, [0.001, 0.0, -0.002])
+    moment = np.array([0.1, 0.2, MOMENT])
+    exact = ring.map.wrench([0.003, -0.003, -0.098], data.xmat[1].reshape(3, 3) @ moment, CURRENTS)
+    np.testing.assert_allclose(magnets.wrench(data, 1, moment), exact, rtol=1e-12)
+    for body in (-1, 2):
+        with refused(InputError, where="wrench(body)", received=str(body)):
+            magnets.wrench(data, body, moment)
+
+
 SEVERAL = """
 <mujoco>
   <option timestep="1e-4" gravity="0 0 -9.81" integrator="{integrator}"><flag energy="enable"/></option>

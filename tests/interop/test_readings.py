@@ -59,6 +59,7 @@ FILES = {
     + rows(range(180), 1e3 * POINTS, AMPERES, 1e3 * B, 300 * AMPERES, between=";", decimal=","),
     "slashes and tabs": "Bz/T\tBy/T\tBx/T\tx/mm\ty/mm\tz/mm\tcurrent coil/A\n"
     + rows(B[:, ::-1], 1e3 * POINTS, AMPERES, between="\t"),
+    "a coil's name alone": "x_mm,y_mm,z_mm,coil (mA),Bx_T,By_T,Bz_T\n" + rows(1e3 * POINTS, 1e3 * AMPERES, B),
     "names in a remark": "# a probe\n# x_m y_m z_m I_coil_A Bx_T By_T Bz_T\n"
     + rows(POINTS, AMPERES, B, between=" "),
     "gradients": "x_m,y_m,z_m,I_coil_A,Bx_T,By_T,Bz_T,dBx_dx_T_per_m\n" + rows(POINTS, AMPERES, B, AMPERES),
@@ -152,6 +153,41 @@ def test_every_mistake_of_a_file_is_named(tmp_path, text, wheres):
     with pytest.raises(InputError) as caught:
         read_measurements(path)
     assert [one.where for one in caught.value.problems] == [f"{path}{where}" for where in wheres]
+
+
+def test_a_current_is_stated_once(tmp_path):
+    """In a column or as a constant; coils are in the order of columns, constants behind them."""
+    path = tmp_path / "read.csv"
+    path.write_text(HEADER + ROW)
+    for name in ("left", "the right one"):
+        with pytest.raises(InputError) as caught:
+            read_measurements(path, {name: 1.0})
+        assert [one.where for one in caught.value.problems] == [f"{path}: column I_{name}"]
+    found = read_measurements(path, {"middle": 0.5})
+    assert found.coil_names == ("left", "the right one", "middle")
+    assert found.currents.tolist() == [[1.0, -2.0, 0.5]]
+    np.testing.assert_allclose(found.points, [[0.01, -0.02, 0.03]], rtol=1e-15)
+    np.testing.assert_allclose(found.flux_density, [[7e-6, 2e-3, 1.5e-3]], rtol=1e-15)
+    assert (found.lines, found.unread, found.where(0)) == ((2,), (), f"{path}:2")
+
+
+@pytest.mark.parametrize(
+    ("largest", "fits"), [(1e30, True), (1.001e30, False), (np.nan, False), (-1.001e30, False)]
+)
+@pytest.mark.parametrize("name", ["points", "currents", "flux_density"])
+def test_numbers_of_arrays_are_checked(name, largest, fits):
+    given = {"points": np.zeros((2, 3)), "currents": np.zeros((2, 1)), "flux_density": np.zeros((2, 3))}
+    given[name][1, 0] = largest
+    if fits:
+        assert getattr(Measurements(("coil",), **given), name)[1, 0] == largest
+        return
+    with pytest.raises(InputError) as caught:
+        Measurements(("coil",), **given)
+    assert [one.where for one in caught.value.problems] == [f"Measurements, {name}"]
+    for shape in ((3, given[name].shape[1]), (2, 4)):
+        with pytest.raises(InputError) as caught:
+            Measurements(("coil",), **given | {name: np.zeros(shape)})
+        assert all(one.received.startswith("shape") for one in caught.value.problems)
 
 
 def test_a_file_that_is_not_there(tmp_path):

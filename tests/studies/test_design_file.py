@@ -1,11 +1,19 @@
 """Study files with [optimise]: what they become, and all their mistakes at once."""
 
+import functools
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fieldmap.errors import StudyError
-from fieldmap.studies import Linked, read_design_problem, read_study, solve_problem
+from fieldmap.iron.sensitivity.quantities import FluxDensityAt
+from fieldmap.studies import Limit, Linked, Number, Variable, read_design_problem, read_study, solve_problem
+from fieldmap.studies.design import number_of
+from fieldmap.studies.search import problem_fingerprint
+from tests.conftest import DEVICES
 from tests.refusals import refused
+from tests.studies.conftest import LOOP
 
 GOOD = """
 format = 1
@@ -101,3 +109,185 @@ def test_each_reader_names_the_other(devices, grid):
         read_study(devices.study("best.toml", GOOD))
     with refused(StudyError, remedy="fieldmap study"):
         read_design_problem(grid)
+
+
+def test_violations_and_scales_of_limits():
+    both = Limit("power", -3.0, 2.0)
+    assert [both.violation(value) for value in (-4.5, -3.0, 0.5, 2.0, 2.25)] == [1.5, 0.0, 0.0, 0.0, 0.25]
+    assert [Limit("power", upper=2.0).violation(value) for value in (-9.0, 3.0)] == [0.0, 1.0]
+    limits = (
+        both,
+        Limit("power", upper=2.0),
+        Limit("power", lower=-0.5),
+        Limit("power", 0.0),
+        Limit("power", 0.0, 0.25),
+    )
+    assert [limit.scale for limit in limits] == [3.0, 2.0, 0.5, 1.0, 0.25]
+
+
+def test_steps_of_variables():
+    """A fiftieth of the range, or as given; a key of the device or the current of coils."""
+    assert Variable("coil.a.turns", 10.0, 60.0).difference == pytest.approx(1.0)
+    assert Variable("coil.a.turns", 10.0, 60.0, step=0.25).difference == 0.25
+    assert [Variable(key, 0.0, 1.0).is_current for key in ("current.a", "coil.current.turns")] == [
+        True,
+        False,
+    ]
+    linked = (Linked(("b", "c"), 2.0, 1.0),)
+    assert Variable("a", 0.0, 1.0, linked=linked).settings(3.0) == (("a", 3.0), ("b", 7.0), ("c", 7.0))
+    assert Variable("current.a", 0.0, 1.0).settings(3.0) == ()
+
+
+def test_numbers_have_labels_and_parts():
+    one = Number("power", "low", minus="high")
+    assert [(sign, part.label) for sign, part in one.parts] == [(1.0, "power, low"), (-1.0, "power, high")]
+    assert [(sign, part.label) for sign, part in Number("power").parts] == [(1.0, "power")]
+
+    def stroke(device, state):
+        return 0.0
+
+    flux = FluxDensityAt([0.0, 0.0, 0.0])
+    named = [number_of(given) for given in (one, "power", stroke, flux, functools.partial(stroke, None))]
+    assert [number.name for number in named] == ["power", "power", "stroke", "FluxDensityAt", "function"]
+    assert [number.of for number in named[:4]] == [None, None, stroke, flux]
+
+
+TWO = """format = 1
+title = "Two coils"
+device = "pair.toml"
+record = { points_mm = [[0.0, 0.0, 0.0]] }
+currents = [{ name = "unequal", amperes_A = [3.0, -1.0] }, { name = "same", amperes_A = 2.0 }]
+
+[optimise]
+minimise = { number = "power", currents = "same", minus = "unequal" }
+
+[[optimise.variable]]
+key = "current.lower"
+lower = -2.0
+upper = 2.0
+"""
+
+
+def test_currents_that_vary(devices):
+    """In every set whose currents are given; those of the other coils stay, and the start is that of the first set."""
+    (devices.folder / "pair.toml").write_text((DEVICES / "pair.toml").read_text())
+    problem = read_design_problem(devices.study("two.toml", TWO))
+    assert (problem.starts.tolist(), problem.keys, problem.sign) == ([-1.0], ("current.lower",), 1.0)
+    assert problem.objective.label == "power, same - unequal"
+    unequal, same = problem.currents_at(np.array([1.0]))
+    assert (unequal.name, unequal.common, unequal.shares.tolist()) == ("unequal", 2.0, [1.5, 0.5])
+    assert (same.name, same.common) == ("same", 1.5)
+    np.testing.assert_allclose(same.common * same.shares, [2.0, 1.0])
+    text = TWO.replace("current.lower", "current.*").replace("upper = 2.0", "upper = 4.0")
+    problem = read_design_problem(devices.study("two.toml", text))
+    assert problem.starts.tolist() == [3.0]
+    for value, common in ((0.5, 0.5), (0.0, 0.0)):
+        for entry in problem.currents_at(np.array([value])):
+            assert entry.common == common
+            np.testing.assert_allclose(common * entry.shares, [value, value])
+    # A key of the device starts at its own value.
+    text = (
+        TWO.replace('"current.lower"', '"coil.lower.turns"')
+        .replace("-2.0", "100.0")
+        .replace("= 2.0\n", "= 300.0\n")
+    )
+    problem = read_design_problem(devices.study("two.toml", text))
+    assert problem.starts.tolist() == [200.0]
+    assert problem.document_at(np.array([150.0])).data["coil"][1]["turns"] == 150.0
+    assert problem.values({"coil.lower.turns": 7.0}).tolist() == [7.0]
+    assert problem.named(np.array([9.0])) == {"coil.lower.turns": 9.0}
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "places"),
+    [
+        ('minimise = { number = "power", currents = "same", minus = "unequal" }', "", [":7: optimise"]),
+        ('minus = "unequal"', 'minus = "other"', [":8: optimise.minimise.minus"]),
+        ('currents = "same", ', "", [":8: optimise.minimise.currents"]),
+        ("current.lower", "current.middle", [":11: optimise.variable.1.key"]),
+        ("upper = 2.0", "upper = -2.0", [":12: optimise.variable.1.lower"]),
+        ("upper = 2.0", "upper = -1.5", [":10: optimise.variable.1.start"]),
+        ("lower = -2.0", "lower = -1.0", []),
+        ("lower = -2.0", "lower = -0.999", [":10: optimise.variable.1.start"]),
+        ("upper = 2.0", "upper = -1.0", []),
+        ("[optimise]\n", "[optimise]\ncheck_refinement = 10.0\n", []),
+        ("[optimise]\n", "[optimise]\ncheck_refinement = 10.1\n", [":8: optimise.check_refinement"]),
+        ("[optimise]\n", "[optimise]\ncheck_refinement = 1.0\n", [":8: optimise.check_refinement"]),
+        ("[optimise]\n", "iron = { accuracy = 0.01 }\n[optimise]\n", [":7: iron.accuracy"]),
+        ("amperes_A = 2.0", "carries_at_mm = [0, 0, 0]", [":5: currents.same.carries_at_mm"]),
+        ("amperes_A = [3.0, -1.0]", "carries_at_mm = [0, 0, 0]", [":5: currents.unequal.carries_at_mm"]),
+    ],
+)
+def test_mistakes_of_two_sets(devices, before, after, places):
+    (devices.folder / "pair.toml").write_text((DEVICES / "pair.toml").read_text())
+    assert TWO.count(before) == 1
+    path = devices.study("mistake.toml", TWO.replace(before, after))
+    try:
+        read_design_problem(path)
+        found = []
+    except StudyError as error:
+        found = [problem.where.removeprefix(str(path)) for problem in error.problems]
+    assert found == places
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "same"),
+    [
+        ("lower = 0.5", "lower = 0.6", True),
+        ("start = 40.0", "start = 41.0", True),
+        ("tolerance = 1e-7", "tolerance = 1e-6\nsolves = 9\nseed = 3\ncheck_refinement = 2.0", True),
+        ('method = "trust-constr"', 'method = "COBYQA"', True),
+        ("upper = 2.0", "upper = 2.5", True),
+        ("maximise = {", "minimise = {", True),
+        ("[optimise]", "iron = { refinement = 0.7 }\n[optimise]", True),
+        ("[optimise]", "iron = { mu_r = 100.0 }\n[optimise]", False),
+        ("offset = 1.0", "offset = 1.5", False),
+        ("amperes_A = 1.0", "amperes_A = 1.5", False),
+        ("-60.0", "-61.0", False),
+        ('"gradient 1 z z"', '"gradient 1 z x"', False),
+        ("-60.0]] }", "-60.0]], force_share = 0.02 }", False),
+        ("-60.0]] }", "-60.0]], current_limit_A = 2.0 }", False),
+        ("-60.0]] }", "-60.0]], box_mm = [[0, 0, -60], [1, 1, -59]] }", False),
+    ],
+)
+def test_designs_of_an_earlier_search_are_taken_where_their_numbers_are_the_same(
+    devices, before, after, same
+):
+    """Not of bounds, starts, methods and limits; the mesh is told of each design."""
+    assert GOOD.count(before) == 1
+    one, other = (
+        read_design_problem(devices.study("good.toml", text)) for text in (GOOD, GOOD.replace(before, after))
+    )
+    assert (problem_fingerprint(one) == problem_fingerprint(other)) == same
+
+
+def test_every_key_that_follows_counts(devices):
+    """However many there are."""
+    keys = [f'"coil.loop.position_mm.{1 + k % 3}"' for k in range(9)]
+    found = set()
+    for last in keys[:3]:
+        listed = ", ".join(['"coil.loop.outer_radius_mm"', *keys, last])
+        text = GOOD.replace('keys = ["coil.loop.outer_radius_mm"]', f"keys = [{listed}]")
+        found.add(problem_fingerprint(read_design_problem(devices.study("many.toml", text))))
+    assert len(found) == 3
+
+
+def test_designs_of_another_device_or_function_are_not_taken(devices):
+    problem = read_design_problem(devices.study("good.toml", GOOD))
+    devices.loop.write_text(LOOP.replace("height_mm = 1.0", "height_mm = 1.5"))
+    try:
+        other = read_design_problem(devices.study("good.toml", GOOD))
+    finally:
+        devices.loop.write_text(LOOP)
+    assert problem_fingerprint(problem) != problem_fingerprint(other)
+
+    def mine(device, state):
+        return 0.0
+
+    def other(device, state):
+        return 0.0
+
+    numbers = [
+        problem_fingerprint(replace(problem, besides=(Number("own", of=one),))) for one in (mine, mine, other)
+    ]
+    assert (numbers[0] == numbers[1], numbers[0] == numbers[2]) == (True, False)

@@ -1,13 +1,18 @@
 """Fit files: readings of a thin loop, whose field, lift current and inductance are known in closed form."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.constants import g, mu_0
 
+import fieldmap as fm
 from fieldmap.errors import FitError, InputError
+from fieldmap.iron import LinearSolution, NonlinearSolver
 from fieldmap.studies import read_fit
 from tests.conftest import DEVICES
 from tests.levitation.conftest import slope_on_axis
+from tests.refusals import refused
 
 RADIUS, TURNS, CURRENT = 0.044, 1000, 2.0
 HEIGHT_MM = 1.5
@@ -208,3 +213,106 @@ def test_mistakes_of_the_file_itself(fit_file, old, new, where):
 def test_a_fit_needs_readings(fit_file):
     with pytest.raises(InputError):
         read_fit(fit_file(HEAD)).run()
+
+
+def bridge(pairs='[["loop", "loop"]]', measured="[50.0]", deviation="0.1"):
+    return f"""
+[[inductance]]
+name = "bridge"
+coils = {pairs}
+measured_mH = {measured}
+deviation_mH = {deviation}
+"""
+
+
+PROBE = probe("fit", [-70, -80])
+OF_PROBE = "flux_density.probe fit"
+
+
+@pytest.mark.parametrize(
+    ("text", "old", "new", "wheres"),
+    [
+        (PROBE, "currents_A = 2.0", "currents_A = [2.0]", []),
+        (PROBE, "currents_A = 2.0", "currents_A = [[2.0], [1.0]]", []),
+        (PROBE, "currents_A = 2.0", "currents_A = [[2.0]]", [f"{OF_PROBE}.currents_A"]),
+        (PROBE, "currents_A = 2.0", "currents_A = [[2.0], [1.0], [1.0]]", [f"{OF_PROBE}.currents_A"]),
+        (PROBE, "currents_A = 2.0", "currents_A = [[2.0], [1.0, 3.0]]", [f"{OF_PROBE}.currents_A"]),
+        (PROBE, "currents_A = 2.0", "currents_A = [2.0, 1.0]", [f"{OF_PROBE}.currents_A"]),
+        (PROBE, "currents_A = 2.0", "currents_A = []", [f"{OF_PROBE}.currents_A"]),
+        (PROBE, "currents_A = 2.0", "currents_A = [[2.0], []]", [f"{OF_PROBE}.currents_A"]),
+        (PROBE, "currents_A = 2.0", "currents_A = [2.0, [1.0]]", [f"{OF_PROBE}.currents_A"]),
+        (PROBE, "[0.01, 0.01]", "0.01", []),
+        (PROBE, "[0.01, 0.01]", "[0.01]", [f"{OF_PROBE}.deviation_mT"]),
+        (PROBE, "[0.01, 0.01]", "[0.01, 0.01, 0.01]", [f"{OF_PROBE}.deviation_mT"]),
+        (PROBE, "[0.01, 0.01]", "[0.01, 0.0]", [f"{OF_PROBE}.deviation_mT"]),
+        (PROBE, '"probe fit"', '"probe fit"\niron = 1', [f"{OF_PROBE}.iron"]),
+        (bridge(), "", "", []),
+        (bridge('[["loop", "loop"], ["loop", "loop"]]'), "", "", ["inductance.bridge.measured_mH"]),
+        (bridge(measured="[1.0, 2.0]"), "", "", ["inductance.bridge.measured_mH"]),
+        (bridge(deviation="[0.1, 0.1]"), "", "", ["inductance.bridge.deviation_mH"]),
+        (bridge(deviation="[0.1]"), "", "", []),
+        (bridge('[["loop"]]'), "", "", ["inductance.bridge.coils.1"]),
+        (bridge() + bridge(), "", "", [""]),
+        (lift("fit", [-85, -95]), "deviation_A = 0.01", "deviation_A = [0.01, 0.02]\nshares = [2.0]", []),
+        (
+            lift("fit", [-85, -95]),
+            "deviation_A = 0.01",
+            "deviation_A = [0.01]",
+            ["lift_current.lift.deviation_A"],
+        ),
+        (lift("fit", [-85, -95]), "[[0, 0, -85], ", "[", ["lift_current.lift.measured_A"]),
+    ],
+)
+def test_lists_of_readings_fit_the_device(fit_file, text, old, new, wheres):
+    assert old in text
+    path = fit_file(HEAD + text.replace(old, new))
+    try:
+        read_fit(path)
+        found = []
+    except FitError as error:
+        found = [re.sub(r"^.*?fit\.toml(:\d+: )?", "", problem.where) for problem in error.problems]
+    assert found == wheres
+
+
+def test_unknowns_are_named_once_and_a_payload_is_there(fit_file, tmp_path):
+    path = fit_file(HEAD + HEAD.split("\n\n", 1)[1] + PROBE)
+    with refused(FitError, must_hold="every unknown is named once"):
+        read_fit(path)
+    device = tmp_path / "thin_loop.toml"
+    device.write_text("\n\n".join(p for p in device.read_text().split("\n\n") if "[payload]" not in p))
+    with refused(FitError, where="lift_current.lift", must_hold="[payload]"):
+        read_fit(fit_file(HEAD + lift("fit", [-85])))
+
+
+def test_labels_and_units_of_readings(fit_file):
+    text = HEAD + probe("fit", [-70], '["z", "x"]') + bridge() + lift("predict", [-85])
+    asked = read_fit(fit_file(text))
+    assert asked.labels == {
+        "probe fit": ("Bx at (0, 0, -70) mm", "Bz at (0, 0, -70) mm"),
+        "bridge": ("loop",),
+        "lift": ("at (0, 0, -85) mm",),
+    }
+    assert asked.units == {"probe fit": ("mT", 1e-3), "bridge": ("mH", 1e-3), "lift": ("A", 1.0)}
+    table, line = asked.readings
+    # The columns are those of the components in their order.
+    np.testing.assert_allclose(np.ravel(table.measured), [on_axis(-0.07), np.nan, 0.0])
+    assert float(table.deviation[0]) == pytest.approx(1e-5)
+    assert (line.measured.tolist(), float(line.deviation)) == ([0.05], 1e-4)
+    assert [one.name for one in asked.predict] == ["lift"]
+
+
+@pytest.mark.parametrize(("iron", "saturating"), [("", True), ('iron = { model = "linear" }', False)])
+def test_how_iron_is_solved(fit_file, tmp_path, iron, saturating):
+    """As the device's materials say, unless the file does; at the refinement of the file."""
+    (tmp_path / "sphere.toml").write_text((DEVICES / "sphere_below_loop.toml").read_text())
+    text = HEAD.replace("thin_loop", "sphere").replace("[[unknown]]", f"{iron}\n[[unknown]]")
+    asked = read_fit(fit_file(text.replace("start = 0.0", "start = 3.0") + PROBE))
+    field = asked.solve(fm.read_device(tmp_path / "sphere.toml"))
+    assert isinstance(field, NonlinearSolver if saturating else LinearSolution)
+    finer = text.replace("[[unknown]]", "iron.refinement = 1.5\n[[unknown]]", 1)
+    if iron:
+        finer = text.replace('"linear"', '"linear", refinement = 1.5')
+    again = read_fit(fit_file(finer.replace("start = 0.0", "start = 3.0") + PROBE))
+    fine = again.solve(fm.read_device(tmp_path / "sphere.toml"))
+    faces = [len(one.surface.areas) if saturating else one.report.surface_faces for one in (field, fine)]
+    assert faces[1] > 1.5 * faces[0]

@@ -7,6 +7,7 @@ import pytest
 import xarray
 
 import fieldmap as fm
+from fieldmap.iron.error import estimate_error, workspace_surface
 from fieldmap.studies import read_study, run_study
 
 
@@ -123,3 +124,81 @@ def test_names_of_shipped_studies():
     tops = [part["position_mm"][2] + part["size_mm"][2] for part in parts[:3]]
     assert tops == [part["position_mm"][2] + part["size_mm"][2] + 6.0 for part in as_it_was[:3]]
     assert parts[2]["position_mm"] == as_it_was[2]["position_mm"]
+
+
+def test_rows_and_words_of_a_run(run):
+    """Every number of the data set by variant, for programs too; what was asked of the iron and the record."""
+    rows = run.rows()
+    assert [row.settings for row in rows] == [
+        {"turns": t, "radius": r} for t in (100, 250) for r in (8.0, 10.0)
+    ]
+    for row, told in zip(rows, run.to_dict()["rows"], strict=True):
+        at = run.data.sel(**row.settings, currents="one")
+        assert (row.currents, row.problem) == (told["currents"], told["problem"]) == ("one", "")
+        assert {name: told[name] for name in row.settings} == row.settings
+        assert (
+            set(row.numbers)
+            == set(told) - {*row.settings, "currents", "problem"}
+            == {
+                *("common_current", "current", "flux_density", "gradient"),
+                *("largest_flux_density", "body_flux_density"),
+            }
+        )
+        for name, numbers in row.numbers.items():
+            np.testing.assert_array_equal(numbers, at[name])
+            np.testing.assert_array_equal(told[name], at[name])
+    assert (run.to_dict()["title"], run.to_dict()["failed"], run.failed) == ("Turns and radius", {}, {})
+    about = run.data.attrs
+    assert (about["title"], about["Conventions"], about["force_share"]) == (
+        "Turns and radius",
+        "CF-1.10",
+        "0.01",
+    )
+    assert about["current_limit_A"] == "none"
+    assert about["fingerprint"] == run.study.fingerprint
+    # Nothing here is carried.
+    assert "payload" not in about["assumptions"]
+    assert "copper" not in about["assumptions"]
+    for name, axis in (("coil", "loop"), ("body", "sphere")):
+        assert run.data[name].values.tolist() == [axis]
+    np.testing.assert_allclose([run.data[f"point_{a}"] for a in "xyz"], [[0, 0.003], [0, 0], [-0.014, -0.02]])
+    largest = run.data.body_flux_density.sel(body="sphere")
+    np.testing.assert_array_equal(largest, run.data.largest_flux_density)
+
+
+def test_the_error_of_linear_iron_is_that_of_a_coarser_mesh(devices, tmp_path):
+    """Of mesh sizes 1.4 times as large, and of the other form."""
+    text = """
+    format = 1
+    title = "Errors"
+    device = "sphere.toml"
+    iron = { refinement = 0.8, mu_r = 50.0 }
+    variant = [{ name = "as it is", set = { "coil.loop.turns" = 100 } }]
+    currents = [{ name = "one", amperes_A = 1.0 }]
+    record = { quantities = ["error"] }
+    """
+    run = run_study(devices.study("errors.toml", text), tmp_path / "errors.nc")
+    device = fm.read_device(devices.sphere)
+    fine = fm.solve_linear(device, 50.0, refinement=0.8)
+    coarse = fm.solve_linear(device, 50.0, refinement=0.8 / 1.4, form=fine.report.form)
+    other = (
+        fm.solve_linear(device, 50.0, refinement=0.8, form="flux")
+        if fine.report.form == "potential"
+        else None
+    )
+    error = estimate_error(workspace_surface(device), fine, coarse, other)
+    at = run.data.isel(variant=0, currents=0)
+    assert float(at.error_flux_density) == pytest.approx(error.flux_density, rel=1e-6)
+    assert float(at.error_gradient) == pytest.approx(error.gradient, rel=1e-6)
+    assert float(at.surface_faces) == fine.report.surface_faces
+    assert run.rows()[0].settings == {"variant": "as it is"}
+    head, row = (line.split(",") for line in run.table.read_text().splitlines())
+    assert head == [
+        "variant",
+        "currents",
+        "error_flux_density (1)",
+        "error_gradient (1)",
+        "surface_faces (1)",
+        "problem",
+    ]
+    assert (row[:2], float(row[2]), row[-1]) == (["as it is", "one"], float(at.error_flux_density), "")

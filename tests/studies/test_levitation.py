@@ -1,6 +1,8 @@
 """What levitates a magnet under a loop in air, against the field on a loop's axis; the six-coil unit against a linear
 program."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.constants import g, mu_0
@@ -10,9 +12,12 @@ import fieldmap as fm
 from fieldmap.errors import FieldmapError, Infeasible
 from fieldmap.field import as_field
 from fieldmap.levitation import find_equilibrium
-from fieldmap.studies import run_study
-from fieldmap.studies.equilibrium_area import equilibrium_area
+from fieldmap.sources import CoilSet
+from fieldmap.studies import read_study, run_study, variant_result
+from fieldmap.studies.equilibrium_area import area_outline, equilibrium_area
+from fieldmap.studies.run import task_of
 from fieldmap.studies.variant_result import controllable_share, lowest_lift_height
+from tests.conftest import DEVICES
 from tests.levitation.conftest import PolynomialField, lifting_above, slope_on_axis
 from tests.refusals import refused
 
@@ -153,3 +158,239 @@ def test_controllable_share_is_that_of_linear_programs():
     ours = controllable_share(unit, device.payload, lower, upper, limit)
     assert ours == np.mean(held)
     assert 0.1 < ours < 0.9
+
+
+SIDES = [(0, -1), (0, 1), (1, -1), (1, 1)]
+
+
+class Elsewhere:
+    """Springs whose rest lies at a place beside the middle of a box."""
+
+    place, coil_names = np.array([0.002, -0.001, 0.003]), ("one",)
+
+    def __init__(self, field, lower, upper):
+        self.inner, self.lower, self.upper = field, np.array(lower), np.array(upper)
+
+    def field(self, points, currents):
+        return self.inner.field(np.asarray(points) - self.place, currents)
+
+    def gradient(self, points, currents):
+        return self.inner.gradient(np.asarray(points) - self.place, currents)
+
+
+def outline(side=None, room=0.0):
+    """Of springs of 2 and 3 N/m, at 5 mN: 2.5 mm and 5/3 mm; room: to one side of the box, m."""
+    lower, upper = Elsewhere.place - 0.05, Elsewhere.place + 0.05
+    if side is not None:
+        axis, sense = side
+        (lower if sense < 0 else upper)[axis] = Elsewhere.place[axis] + sense * room
+    field = as_field(Elsewhere(springs(2.0, 3.0), lower, upper))
+    payload = fm.Payload(mass=LIFT / g, moment=1.0)
+    found = find_equilibrium(field, [1.0], payload, start=Elsewhere.place)
+    return area_outline(field, found, payload, 0.05)
+
+
+def test_the_outline_of_an_area_is_where_the_force_reaches_the_limit():
+    radii, rays = outline()
+    angle = np.arange(64) * np.pi / 32
+    np.testing.assert_allclose(rays, np.column_stack([np.cos(angle), np.sin(angle)]), atol=1e-12)
+    np.testing.assert_allclose(radii, 0.005 / np.hypot(2 * np.cos(angle), 3 * np.sin(angle)), rtol=2e-5)
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_the_outline_stays_in_the_workspace(side):
+    reach = (0.0025, 0.005 / 3)[side[0]]
+    assert outline(side, 1.01 * reach)[0].max() == pytest.approx(0.0025, rel=2e-5)
+    with refused(
+        FieldmapError, where="equilibrium_area", must_hold="0.05 of the weight inside the workspace"
+    ):
+        outline(side, 0.99 * reach)
+
+
+class Lifting:
+    """Coils whose force on an upward moment of 1 A m^2 is given per ampere, N/A, and one that none drives."""
+
+    def __init__(self, coils, constant):
+        self.coils, self.constant, self.points = coils, constant, None
+
+    def unit_fields(self, points):
+        self.points = points
+        slope = np.zeros((len(self.coils), len(points), 3, 3))
+        for k, force in enumerate(self.coils):
+            slope[k, :, 2] = np.array([force(*point) for point in points])
+        return None, slope
+
+    def constant_fields(self, points):
+        slope = np.zeros((len(points), 3, 3))
+        slope[:, 2] = self.constant
+        return None, slope
+
+
+UP = [lambda x, y, z: (0.0, 0.0, z)]
+# Two whose horizontal forces cancel where both have the same current.
+PAIR = [lambda x, y, z: (2.0, y, 0.5 * z), lambda x, y, z: (-2.0, -y, 0.5 * z)]
+BESIDE = [*UP, lambda x, y, z: (1.0, 0.0, 0.0)]
+
+
+@pytest.mark.parametrize(
+    ("coils", "constant", "share"),
+    [
+        (UP, (0, 0, 0), 6 / 9),
+        (PAIR, (0, 0, 0), 6 / 9),
+        (UP, (0, 0, 1.0), 7 / 9),
+        (UP, (0, 0, -1.0), 7 / 9),
+        (UP, (0, 0, 3.2), 1.0),
+        (UP, (0.5, 0, 0), 0.0),
+        ([lambda x, y, z: (1.0, 0.0, z)], (0, 0, 0), 0.0),
+        (BESIDE, (0.99, 0, 0), 6 / 9),
+        (BESIDE, (1.01, 0, 0), 0.0),
+        ([lambda x, y, z: (0.0, 0.0, 9.0 * (x > 0.2))], (0, 0, 0), 5 / 7),
+        ([lambda x, y, z: (0.0, 0.0, 9.0 * (y > 3.1))], (0, 0, 0), 6 / 7),
+    ],
+)
+def test_controllable_share_counts_cells(coils, constant, share):
+    """A weight of 3.2 N, 1 A at most: cells of 7 x 7 x 9 by their centres, with heights of 0.5 m to 8.5 m."""
+    field = Lifting(coils, constant)
+    payload = fm.Payload(mass=3.2 / 9.80665, moment=1.0)
+    found = controllable_share(field, payload, np.array([0.0, 3.0, 0.0]), np.array([0.7, 3.7, 9.0]), 1.0)
+    assert found == pytest.approx(share)
+    for axis, centres in enumerate(
+        (0.05 + 0.1 * np.arange(7), 3.05 + 0.1 * np.arange(7), 0.5 + np.arange(9.0))
+    ):
+        np.testing.assert_allclose(np.unique(field.points[:, axis].round(9)), centres)
+
+
+def test_reach_of_a_loop(devices):
+    """Whichever way the current flows; what is missing is told, and what lifts everywhere ends at the lower end."""
+    device = fm.read_device(devices.loop)
+    field = as_field(fm.solve_linear(device), device.bounds)
+    exact = brentq(lambda z: 3.0 * MOMENT * slope_on_axis(z) - WEIGHT, -0.2, -0.05)
+    exact = max(exact, -0.124)
+    for current in (3.0, -3.0):
+        reach = lowest_lift_height(field, np.array([current]), device.payload, np.zeros(3))
+        assert reach == pytest.approx(exact, abs=1e-6)
+    one = brentq(lambda z: 1.0 * MOMENT * slope_on_axis(z) - WEIGHT, -0.2, -0.05)
+    assert lowest_lift_height(field, np.array([1.0]), device.payload, np.zeros(3)) == pytest.approx(
+        one, abs=2e-6
+    )
+    # At the upper end, -40 mm, is the most of 0.01 A.
+    most = 0.01 * MOMENT * slope_on_axis(-0.04) / WEIGHT
+    with refused(Infeasible, where="reach", received="with 0.01 A") as caught:
+        lowest_lift_height(field, np.array([-0.01]), device.payload, np.zeros(3))
+    assert float(caught.value.problems[0].received.split()[0]) == pytest.approx(most, rel=2e-3)
+
+
+PAIRED = """
+format = 1
+title = "Two coils by hand"
+device = "pair_that_lifts.toml"
+vary = [{ name = "turns", key = "coil.lower.turns", values = [200] }]
+currents = [{ name = "carries", carries_at_mm = [1, 2, -1], shares = [2, -1] }, { name = "given", amperes_A = [3, -1] }]
+
+[record]
+quantities = ["currents", "field", "force_per_ampere", "reach", "power", "homogeneity", "inductance"]
+points_mm = [[1, 2, -1], [-3, 4, 5]]
+box_mm = [[-1, -2, -3], [3, 2, 1]]
+"""
+LIFTED = """
+[payload]
+mass_g = 12.0
+moment_A_m2 = 0.5
+
+[driver]
+gain_A_per_V = 1.0
+current_limit_A = 5.0
+"""
+
+
+def test_every_number_of_two_coils_by_hand(devices, tmp_path):
+    text = (DEVICES / "pair.toml").read_text().replace("turns = 100\n", "turns = 100\nresistance_ohm = 2.0\n")
+    text = text.replace("turns = 200\n", "turns = 200\nresistance_ohm = 3.0\n") + LIFTED
+    (devices.folder / "pair_that_lifts.toml").write_text(text)
+    data = run_study(devices.study("paired.toml", PAIRED), tmp_path / "paired.nc").data.isel(turns=0)
+    coils = CoilSet(fm.read_device(text).coils)
+    points, weight = np.array([[0.001, 0.002, -0.001], [-0.003, 0.004, 0.005]]), 0.012 * 9.80665
+
+    def lift(currents, point):
+        return 0.5 * coils.gradient(np.array(point), np.array(currents))[2, 2]
+
+    # Shares have a mean of 1; the current is that which carries.
+    shares = np.array([4 / 3, -2 / 3])
+    common = weight / lift(shares, points[0])
+    box = np.stack(
+        np.meshgrid(*(np.linspace(a, b, 5) for a, b in ((-1, 3), (-2, 2), (-3, 1))), indexing="ij"), -1
+    )
+    for name, currents in (("carries", common * shares), ("given", np.array([3.0, -1.0]))):
+        at = data.sel(currents=name)
+        np.testing.assert_allclose(at.current, currents, rtol=1e-6)
+        assert float(at.common_current) == pytest.approx(np.abs(currents).mean(), rel=1e-6)
+        np.testing.assert_allclose(at.flux_density, coils.field(points, currents), rtol=1e-6, atol=1e-12)
+        force = 0.5 * coils.gradient(points, currents)[:, 2]
+        np.testing.assert_allclose(
+            at.force_per_ampere, force / np.abs(currents).mean(), rtol=1e-6, atol=1e-12
+        )
+        assert float(at.power) == pytest.approx(2.0 * currents[0] ** 2 + 3.0 * currents[1] ** 2, rel=1e-6)
+        flux = coils.field(1e-3 * box.reshape(-1, 3), currents)
+        apart = np.linalg.norm(flux - flux.mean(axis=0), axis=1) / np.linalg.norm(flux.mean(axis=0))
+        assert float(at.inhomogeneity) == pytest.approx(np.sqrt(np.mean(apart**2)), rel=1e-5)
+        assert float(at.largest_inhomogeneity) == pytest.approx(apart.max(), rel=1e-5)
+        np.testing.assert_allclose(at.inductance, fm.solve_linear(fm.read_device(text)).inductance())
+        # The larger current at its limit of 5 A, over the place that is carried or the middle of the box.
+        over = points[0, :2] if name == "carries" else [0.0, 0.0]
+        at_limit = currents * 5.0 / np.abs(currents).max()
+        heights = np.linspace(-0.012, 0.012, 33)
+
+        def missing(z, over=over, currents=at_limit):
+            return abs(lift(currents, [*over, z])) - weight
+
+        k = [missing(z) >= 0.0 for z in heights].index(True)
+        lowest = brentq(missing, *heights[k - 1 : k + 1]) if k else heights[0]
+        assert float(at.reach_height) == pytest.approx(lowest, abs=2e-6)
+    assert float(data.sel(currents="given").reach_height) > -0.012
+    assert data.attrs["current_limit_A"] == "5.0"
+    assert data.attrs["force_share"] == "0.01"
+    assert "copper at 20 C" in data.attrs["assumptions"]
+    assert data.attrs["assumptions"].startswith("the payload is a vertical point dipole")
+
+
+ERRORS = """
+format = 1
+title = "Meshes"
+device = "sphere.toml"
+iron = { model = "saturating", accuracy = 0.03, refinement = 0.5 }
+vary = [{ name = "turns", key = "coil.loop.turns", values = [100] }]
+currents = [{ name = "one", amperes_A = 1.0 }, { name = "two", amperes_A = 2.0 }]
+record = { quantities = ["error"] }
+"""
+
+
+@pytest.mark.parametrize(("falls", "meshes"), [(2, 3), (4, 2), (0, 6)])
+def test_meshes_are_refined_until_the_worst_error_is_small_enough(devices, monkeypatch, falls, meshes):
+    """By 1.4 each time, at most six times: errors of 10 % at the finer of two currents, which fall with a power."""
+    seen = []
+
+    class Made:
+        surface_faces, field = 7, SimpleNamespace(assumptions=("made up",))
+
+        def __init__(self, device, model):
+            seen.append(model.refinement)
+
+        def error(self, currents):
+            flux = 0.05 * currents[0] * (seen[-1] / 0.5) ** -falls
+            return SimpleNamespace(flux_density=flux, gradient=2 * flux)
+
+    monkeypatch.setattr(variant_result, "SolvedIron", Made)
+    found = variant_result.solve_variant(task_of(read_study(devices.study("errors.toml", ERRORS)), 0))
+    np.testing.assert_allclose(seen, 0.5 * 1.4 ** np.arange(meshes))
+    if falls:
+        errors = [0.05 * current * 1.4 ** (-falls * (meshes - 1)) for current in (1, 2)]
+        assert errors[1] <= 0.03 < 1.4**falls * errors[1]
+        numbers = [{"error_flux_density": e, "error_gradient": 2 * e, "surface_faces": 7} for e in errors]
+        for row, exact in zip(found.rows, numbers, strict=True):
+            assert row.numbers == pytest.approx(exact)
+        assert found.assumptions == ("made up",)
+        return
+    for row in found.rows:
+        assert row.numbers == {}
+        assert "received 0.1, 0.1, 0.1, 0.1, 0.1, 0.1;" in row.problems[0]
+        assert "0.03 within 6 refinements" in row.problems[0]

@@ -10,6 +10,7 @@ from scipy.stats import chi2
 import fieldmap as fm
 from fieldmap.device.model import Body, Device, Part, Sphere, placed
 from fieldmap.errors import InputError
+from fieldmap.field import as_field
 from fieldmap.sources import CoilSet
 from fieldmap.studies import (
     ComputedReadings,
@@ -214,3 +215,44 @@ def test_a_search_that_is_close_enough_ends():
     rough, fine = (fitted([OUTER], [noisy(4)], close=close) for close in (0.05, 1e-6))
     assert rough.solves < fine.solves
     assert rough.values[OUTER.key] == pytest.approx(fine.values[OUTER.key], rel=0.05)
+
+
+def test_readings_at_other_currents_of_each_point_and_between_coils():
+    """Each kind of readings on air coils, whose numbers are those of the closed forms."""
+    device, field = pair(), CoilSet(pair().coils)
+    currents = np.column_stack([np.linspace(1, 2, len(POINTS)), np.linspace(-3, 1, len(POINTS))])
+    found = FieldReadings("t", POINTS, currents, np.zeros((len(POINTS), 3)), 1.0).computed(device, field)
+    exact = [CoilSet(device.coils).field(x, i) for x, i in zip(POINTS, currents, strict=True)]
+    np.testing.assert_allclose(found, np.ravel(exact))
+    for given in (2.0, [2.0, -1.0]):
+        found = FieldReadings("t", POINTS, given, np.zeros((len(POINTS), 3)), 1.0).computed(device, field)
+        np.testing.assert_allclose(found, field.field(POINTS, np.broadcast_to(given, 2)).ravel())
+    matrix = fm.solve_linear(device).inductance()
+    for pairs in ([[0, 1], [1, 1], [0, 0]], [["upper", "lower"], ["lower", "lower"], ["upper", "upper"]]):
+        found = InductanceReadings("L", pairs, np.zeros(3), 1.0).computed(device, field)
+        np.testing.assert_allclose(found, [matrix[0, 1], matrix[1, 1], matrix[0, 0]])
+    lifted = replace(device, payload=fm.Payload(mass=0.01, moment=0.5))
+    places = np.array([[0.0, 0.0, -0.005], [0.0, 0.0, -0.01]])
+    shares = [2.0, 0.0]
+    found = LiftCurrentReadings("i", places, np.zeros(2), 1.0, shares).computed(
+        lifted, as_field(field, ([-0.01, -0.01, -0.02], [0.01, 0.01, 0.0]))
+    )
+    slopes = [0.5 * field.gradient(place, np.array(shares))[2, 2] for place in places]
+    np.testing.assert_allclose(found, [0.01 * 9.80665 / slope for slope in slopes], rtol=1e-6)
+
+
+def test_what_a_fit_rests_on():
+    """Deviations and correlations are those of its covariance; priors, and what is held, are told."""
+    prior = replace(TURNS_LIKE, prior=(24.0, 0.5))
+    solved = []
+    found = fitted([OUTER, prior], [noisy(3)], on_solve=solved.append)
+    assert found.solves == len(solved)
+    assert solved[0] == {OUTER.key: 14.0, TURNS_LIKE.key: 22.0}
+    covariance = found.covariance
+    sizes = [covariance[k, k] ** 0.5 for k in (0, 1)]
+    assert list(found.deviations.values()) == pytest.approx(sizes)
+    assert found.correlation[0, 1] == pytest.approx(covariance[0, 1] / (sizes[0] * sizes[1]))
+    assert np.diag(found.correlation) == pytest.approx([1.0, 1.0])
+    assert found.assumptions[0] == f"fitted: {OUTER.key}, {TURNS_LIKE.key}; all else as the device has it"
+    assert found.assumptions[-1] == f"prior of {TURNS_LIKE.key}: 24 +- 0.5"
+    assert found.device.coils[1].outer_radius == pytest.approx(1e-3 * found.values[TURNS_LIKE.key])

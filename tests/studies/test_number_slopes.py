@@ -2,11 +2,14 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from fieldmap.iron.sensitivity.quantities import Samples
 from fieldmap.studies import Carrying, Linked, Number, Variable
 from fieldmap.studies.design import Search
 from fieldmap.studies.design_checks import design_problem
+from fieldmap.studies.number_slopes import _Inhomogeneities
 from fieldmap.studies.search import Asked, evaluate
 from tests.conftest import DEVICES
 
@@ -131,3 +134,74 @@ def test_what_changes_otherwise_is_left_to_differences():
     found = evaluate(Asked(made, values_at(made), MESH, made.keys))
     assert (list(found.refused), found.numbers["mine"]) == (["payload.mass_g"], 1.0)
     assert {label: list(by) for label, by in found.slopes.items()} == {"power": ["coil.loop.turns"]}
+
+
+PAIR = (DEVICES / "pair.toml").read_text().replace("turns = 100\n", "turns = 100\nresistance_ohm = 2.0\n") + (
+    "\n[payload]\nmass_g = 12.0\nmoment_A_m2 = 0.5\n"
+)
+OF_PAIR = (
+    *("common_current", "current upper", "current lower", "power", "inhomogeneity", "largest_inhomogeneity"),
+    *(f"flux_density {k} {i}" for k in (1, 2) for i in "xyz"),
+    *("gradient 1 x y", "gradient 2 z x", "gradient 2 y z", "gradient 1 z z"),
+    *("force_per_ampere 1 x", "force_per_ampere 2 y", "force_per_ampere 2 z"),
+    "inductance upper lower",
+)
+OF_PAIR_VARIED = {
+    "current.upper": (3.0, 0.01),
+    "coil.lower.turns": (200.0, 0.5),
+    "coil.upper.outer_radius_mm": (30.0, 0.02),
+    "coil.upper.position_mm.1": (1.0, 0.05),
+    "coil.lower.height_mm": (12.0, 0.02),
+}
+
+
+def paired(text=PAIR, numbers=OF_PAIR):
+    """Two coils of unequal currents, of both signs; given, and carrying at a place beside the axis."""
+    text = text.replace("position_mm = [0.0, 0.0, 40.0]", "position_mm = [1.0, 0.0, 40.0]")
+    variables = tuple(Variable(key, 0.9 * v, 1.1 * v, v) for key, (v, _) in OF_PAIR_VARIED.items())
+    search = Search(objective=Number("common_current", "given"), sign=1.0, variables=variables)
+    sets = {"given": [3.0, -1.0], "carries": Carrying([0.002, 0.003, 0.004], [2.0, -1.0])}
+    points, box = (
+        [[0.001, 0.002, -0.003], [-0.004, 0.003, 0.005]],
+        ([-0.003, -0.002, -0.001], [0.002, 0.004, 0.003]),
+    )
+    made = design_problem("optimise", search, text, sets, False, 1.0, points, box, 0.01)
+    return replace(made, besides=tuple(Number(name, entry) for name in numbers for entry in sets))
+
+
+def test_of_two_coils_without_iron():
+    """Each entry of every number, by currents, turns, shapes and places."""
+    made = paired()
+    assert compare(made, OF_PAIR_VARIED) == {number.label for number in made.numbers}
+
+
+def test_of_a_payload_of_pieces():
+    """What follows its forces is left to differences; currents that are given, and fields, are not."""
+    pieces = '[payload]\nmass_g = 12.0\n[[payload.piece]]\nshape = "sphere"\ndiameter_mm = 5.0\nremanence_T = 1.2\n'
+    pieces += (
+        '[[payload.piece]]\nshape = "soft_sphere"\ndiameter_mm = 4.0\nmu_r = 99\nposition_mm = [0, 0, 6]\n'
+    )
+    made = paired(PAIR.split("[payload]")[0] + pieces, ("power", "flux_density 1 z", "force_per_ampere 1 z"))
+    found = evaluate(Asked(made, values_at(made), MESH, made.keys))
+    assert found.solved, found.failure
+    assert set(found.slopes) == {f"{name}, given" for name in ("common_current", "power", "flux_density 1 z")}
+
+
+def test_a_field_that_is_the_same_everywhere_has_no_slopes_of_its_homogeneity():
+    field = np.tile([0.125, 0.25, 0.5], (8, 1))
+    samples = Samples(field, np.zeros((8, 3, 3)), np.zeros(2), ("a", "b"))
+    homogeneity = _Inhomogeneities(np.zeros((8, 3)))
+    assert homogeneity.of(samples).tolist() == [0.0, 0.0]
+    found = homogeneity.weights(samples)
+    assert (found.field.shape, found.gradient.shape, found.linkage.shape) == ((2, 8, 3), (2, 8, 3, 3), (2, 2))
+    assert not any(part.any() for part in (found.field, found.gradient, found.linkage))
+    # Otherwise they are its derivatives.
+    field = np.random.default_rng(0).normal(size=(8, 3))
+    exact = homogeneity.weights(replace(samples, field=field)).field
+    step = 1e-6
+    for at in np.ndindex(8, 3):
+        ahead, behind = field.copy(), field.copy()
+        ahead[at] += step
+        behind[at] -= step
+        sides = [homogeneity.of(replace(samples, field=one)) for one in (ahead, behind)]
+        assert exact[(slice(None), *at)] == pytest.approx((sides[0] - sides[1]) / (2 * step), abs=1e-7)

@@ -4,6 +4,7 @@ limits."""
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,10 @@ import xarray
 import fieldmap as fm
 from fieldmap.errors import InputError
 from fieldmap.iron import FieldFunction
-from fieldmap.studies import Carrying, Limit, Linked, NoFeasibleDesign, Number, Variable
+from fieldmap.studies import Carrying, Limit, Linked, NoFeasibleDesign, Number, Variable, optimisation
+from fieldmap.studies.design import Search
+from fieldmap.studies.design_checks import design_problem
+from fieldmap.studies.search import SearchEnded, searching
 from tests.conftest import DEVICES
 from tests.levitation.conftest import slope_on_axis
 from tests.refusals import refused
@@ -321,12 +325,15 @@ def test_bounds_that_the_device_refuses(lower, upper, must_hold):
         fm.optimise(LOOP, [Variable("coil.loop.height_mm", lower, upper)], "power")
 
 
+APART = PAIR.replace("spacing = 60.0", "spacing = 60.0\nmiddle = 0.0").replace(
+    '"= spacing / 2"', '"= middle + spacing / 2"'
+)
+APART_BY, MIDDLE = (Variable(f"parameters.{name}", -9.0, 90.0) for name in ("spacing", "middle"))
+
+
 def test_a_key_that_follows_two_variables():
-    """By a key of its own, and by an expression that another variable would replace; two that meet in one expression
-    are well."""
-    text = PAIR.replace("spacing = 60.0", "spacing = 60.0\nmiddle = 0.0")
-    text = text.replace('"= spacing / 2"', '"= middle + spacing / 2"')
-    spacing, middle = (Variable(f"parameters.{name}", -9.0, 90.0) for name in ("spacing", "middle"))
+    """By a key of its own, and by an expression that another variable would replace."""
+    text, spacing, middle = APART, APART_BY, MIDDLE
     others = [Variable("coil.upper.position_mm.3", 10.0, 60.0)]
     others += [Variable(f"coil.{name}.turns", 50.0, 150.0) for name in ("*", "lower")]
     with pytest.raises(InputError) as caught:
@@ -341,5 +348,363 @@ def test_a_key_that_follows_two_variables():
     with pytest.raises(InputError) as caught:
         fm.optimise(text, currents, "flux_density 1 z", currents={"one": 1.0}, points=np.zeros((1, 3)))
     assert ["current.upper" in problem.received for problem in caught.value.problems] == [True]
-    best = fm.optimise(text, [spacing, middle], "inhomogeneity", box=BOX)
+
+
+def test_two_variables_that_meet_in_one_expression():
+    best = fm.optimise(APART, [APART_BY, MIDDLE], "inhomogeneity", box=BOX)
     assert best.values["parameters.spacing"] == pytest.approx(50.0, abs=1.0)
+
+
+def searched(problem):
+    """The designs of a problem, solved here."""
+    return searching(problem, None, True, 1, None)
+
+
+def looped(**how):
+    """The thin loop: its current, radius and the payload's mass; a lift and its limits."""
+    mass = Variable("payload.mass_g", 5.0, 20.0, step=0.02)
+    variables = (Variable("current.loop", 0.5, 3.0, 1.25), RADIUS, mass)
+    limits = (
+        Limit(Number("flux_density 1 z"), 0.004, 0.01),
+        Limit(Number("weight", of=lambda device, state: 9.80665 * device.payload.mass), upper=0.08),
+    )
+    asked = {"objective": Number("gradient 1 z z"), "sign": -1.0, "variables": variables, "limits": limits}
+    about = (LOOP, None, False, 1.0, [[0.002, 0.001, -DEPTH]], None, 0.01)
+    return design_problem("optimise", Search(**asked | how), *about)
+
+
+SCALED = np.array([0.6, 0.7, 0.3])
+
+
+def test_what_optimisers_get_is_scaled():
+    """Variables by their bounds, the objective by its size at the start, limits by the largest of their bounds."""
+    with searched(looped()) as search:
+        first = search.begin()
+        values = search.values(SCALED)
+        np.testing.assert_allclose(values, [0.5 + 0.6 * 2.5, 30 + 0.7 * 40, 5 + 0.3 * 15])
+        np.testing.assert_allclose(search.values(np.array([-0.5, 1.5, 0.5])), [0.5, 70.0, 12.5])
+        found = search.at(values)
+        np.testing.assert_allclose(search.scaled(found), SCALED)
+        slope, flux = (found.numbers[name] for name in ("gradient 1 z z", "flux_density 1 z"))
+        assert search.objective(SCALED) == pytest.approx(-slope / abs(first.numbers["gradient 1 z z"]))
+        weight = 9.80665e-3 * 9.5
+        rooms = [(flux - 0.004) / 0.01, (0.01 - flux) / 0.01, (0.08 - weight) / 0.08]
+        np.testing.assert_allclose(search.limits(SCALED), rooms)
+        assert min(rooms) == rooms[2] < 0.0
+        assert search.violation(found) == pytest.approx(-rooms[2])
+        assert search.violations(SCALED) == pytest.approx(sum(min(room, 0.0) ** 2 for room in rooms))
+        # Of the finer mesh, once that is known.
+        search.shift = {"weight": -0.5 * weight, "gradient 1 z z": 0.25 * slope}
+        assert search.violation(found) == pytest.approx(max(0.0, -rooms[0], -rooms[1]))
+        assert search.objective(SCALED) == pytest.approx(-1.25 * slope / abs(first.numbers["gradient 1 z z"]))
+        assert search.number(replace(found, refinement=2.0), Number("gradient 1 z z")) == slope
+
+
+def test_slopes_of_what_is_scaled_are_its_derivatives():
+    """Where limits are violated and where they are not; of a number of Python by differences."""
+    with searched(looped()) as search:
+        search.begin()
+
+        def differences(function):
+            sides = [[function(SCALED + sign * step) for sign in (1, -1)] for step in 1e-4 * np.eye(3)]
+            return np.array([(ahead - behind) / 2e-4 for ahead, behind in sides]).T
+
+        for value, its in (
+            (search.objective, search.objective_slopes),
+            (search.limits, search.limit_slopes),
+            (search.violations, search.violation_slopes),
+        ):
+            exact = differences(value)
+            assert np.abs(exact).max() > 1e-3
+            np.testing.assert_allclose(its(SCALED), exact, rtol=2e-4, atol=2e-5 * np.abs(exact).max())
+        assert not search.violation_slopes(np.array([0.5, 0.7, 0.1])).any()
+        assert search.kinds["weight"] == dict.fromkeys(
+            ("current.loop", RADIUS.key, "payload.mass_g"), "differences"
+        )
+        kinds = {"current.loop": "exact", RADIUS.key: "exact", "payload.mass_g": "differences"}
+        assert search.kinds["gradient 1 z z"] == kinds
+
+
+def test_differences_stay_within_the_bounds():
+    """At a bound to one side, by what can be solved; 0 where neither side can."""
+    seen = []
+
+    def own(device, state):
+        seen.append(1e3 * device.payload.mass)
+        if device.payload.mass < 5.5e-3 or 0.0123 < device.payload.mass < 0.0129:
+            raise ValueError("no number")
+        return 7.0 * device.payload.mass
+
+    variables = (Variable("payload.mass_g", 5.0, 20.0, 10.0, step=0.5),)
+    problem = looped(objective=Number("own", of=own), sign=1.0, variables=variables, limits=())
+    with searched(problem) as search:
+        for mass, sides, slope in (
+            (10.0, [9.5, 10.5], 7e-3),
+            (19.8, [19.3, 20.0], 7e-3),
+            (20.0, [19.5, 20.0], 7e-3),
+            (5.9, [5.4, 6.4], 7e-3),
+            (12.2, [11.7, 12.7], 7e-3),
+            (5.0, [5.0, 5.5], 0.0),
+        ):
+            search.at(np.array([mass]))
+            seen.clear()
+            assert search.slopes(np.array([mass]), problem.objective) == pytest.approx(slope)
+            assert set(np.round(seen, 9)) <= {*sides}
+        assert all(step.role in ("step", "difference") for step in search.steps)
+        # A design that fails counts as worse than all others by the objective's size at the start.
+        search.begin()
+        worst = max(search.objective(np.array([z])) for z in (0.2, 0.9, 0.6))
+        assert worst == pytest.approx((5 + 0.9 * 15) / 10.0)
+        assert search.objective(np.array([0.0])) == pytest.approx(worst + 1.0)
+        assert search.limits(np.array([0.0])).shape == (0,)
+        assert search.violations(np.array([0.0])) == 1e3
+        best = search.best()
+        assert best.values["payload.mass_g"] == 5.5
+
+
+def test_designs_that_hardly_differ_end_a_search():
+    """Eight in a row, whose distance is below the tolerance."""
+    for far, ends in ((0.9e-3, True), (1.1e-3, False)):
+        with searched(looped(tolerance=1e-3)) as search:
+            for k in range(8):
+                design = search.values(SCALED + [far if k == 3 else 1e-5 * k, 0.0, 0.0])
+                if ends and k == 7:
+                    with pytest.raises(SearchEnded, match="8 designs in a row"):
+                        search.at(design)
+                    continue
+                search.at(design)
+            # From there on they are counted anew.
+            search.at(search.values(SCALED + 1e-4))
+
+
+def test_no_more_designs_are_solved_than_allowed():
+    problem, told = looped(solves=3), []
+    with searching(
+        problem, None, True, 1, lambda text, share: told.append((text.split(":")[0], share))
+    ) as search:
+        for k in range(3):
+            search.at(search.values(SCALED + 0.1 * k))
+        with pytest.raises(SearchEnded, match="3 designs were solved"):
+            search.at(search.values(SCALED - 0.1))
+        # What is known, and what is checked on a finer mesh, is no new design of the search.
+        search.at(search.values(SCALED))
+        search.checked(search.values(SCALED), 1.4)
+        assert (search.solves, search.kept) == (4, 0)
+        assert [step.refinement for step in search.steps] == [1.0, 1.0, 1.0, 1.4]
+    assert told == [
+        ("design 1, step", 1 / 3),
+        ("design 2, step", 2 / 3),
+        ("design 3, step", 1.0),
+        ("design 4, check", 1.0),
+    ]
+
+
+def test_which_design_is_best():
+    """The largest or smallest that meets the limits, within the tolerance; without one, the nearest."""
+    own = Number("own", of=lambda device, state: 1e3 * device.payload.mass)
+    how = {"variables": (Variable("payload.mass_g", 1.0, 21.0, 10.0),), "limits": (Limit(own, 5.0, 16.0),)}
+    for sign, tolerance, best in ((-1.0, 1e-3, 15.0), (1.0, 1e-3, 6.0), (-1.0, 0.32, 21.0)):
+        with searched(looped(objective=own, sign=sign, tolerance=tolerance, **how)) as search:
+            for mass in (3.0, 21.0):
+                search.at(np.array([mass]))
+            if tolerance == 1e-3:
+                assert search.best() is None
+            assert search.nearest().values["payload.mass_g"] == 3.0
+            for mass in (11.0, 15.0, 6.0):
+                search.at(np.array([mass]))
+            # On another mesh it is no design of the search.
+            search.checked(np.array([10.5 - 5 * sign]), 2.0)
+            assert search.best().values["payload.mass_g"] == best
+            assert [step.feasible for step in search.steps] == [tolerance == 0.32] * 2 + [True] * 4
+
+
+def test_what_an_optimum_tells(tmp_path):
+    """Its file, table and plain numbers are those of the path; limits at the best design."""
+    variables = [Variable("current.loop", 0.5, 5.0, 1.0)]
+    limits = [Limit("power", upper=8.0), Limit("flux_density 1 z", -0.1, 0.5)]
+    limits += [Limit("common_current", upper=2.01), Limit("current loop", 1.9, 2.1)]
+    text = LOOP.read_text().replace("turns = 1000", "turns = 1000\nresistance_ohm = 2.0")
+    how = {"maximise": True, "points": [[0, 0, -DEPTH]], "output": tmp_path / "best.nc", "tolerance": 1e-6}
+    best = fm.optimise(text, variables, Number("gradient 1 z z"), limits, **how)
+    slope, flux = slope_on_axis(-DEPTH, 0.044, 1000.0), best.limits[1].value
+    assert best.value == pytest.approx(2.0 * slope, rel=1e-3)
+    assert best.start_value == pytest.approx(slope, rel=1e-3)
+    stated = [(one.number, one.lower, one.upper, one.finer, one.active, one.holds) for one in best.limits]
+    # Within a hundredth of a limit's scale it is active.
+    assert 0.0 < flux < 0.4
+    assert stated == [
+        ("power", -np.inf, 8.0, None, True, True),
+        ("flux_density 1 z", -0.1, 0.5, None, False, True),
+        ("common_current", -np.inf, 2.01, None, True, True),
+        ("current loop", 1.9, 2.1, None, False, True),
+    ]
+    assert (best.settings, best.maximise, best.method, best.kept) == ({}, True, "SLSQP", 0)
+    assert best.written == (tmp_path / "best.nc", tmp_path / "best.csv")
+    rows = [line.split(",") for line in best.written[1].read_text().splitlines()]
+    numbers = ["gradient 1 z z", *(limit.number for limit in limits)]
+    assert rows[0] == ["design", "role", "current.loop", *numbers, "refinement", "feasible", "failure"]
+    assert best.start_device.coils[0].resistance == 2.0
+    with xarray.open_dataset(best.written[0], engine="h5netcdf") as data:
+        for k, (row, step) in enumerate(zip(rows[1:], best.path, strict=True)):
+            current = float(row[2])
+            assert (int(row[0]), row[1], row[-3:]) == (
+                k,
+                "step",
+                ["1.0", str(1.9 <= current <= 2.0 * (1 + 5e-7)), ""],
+            )
+            assert float(row[4]) == pytest.approx(2 * current**2)
+            assert float(row[3]) == pytest.approx(current * slope, rel=1e-3)
+            for name in numbers:
+                assert float(data[name][k]) == step.numbers[name] == float(row[rows[0].index(name)])
+        assert (data.attrs["objective"], data.attrs["method"]) == ("gradient 1 z z", "SLSQP")
+        assert data.attrs["assumptions"] == "\n".join(best.assumptions)
+        assert data.design.values.tolist() == list(range(len(best.path)))
+    told = best.to_dict()
+    assert told["objective"] == {
+        "number": "gradient 1 z z",
+        "value": best.value,
+        "at_start": best.start_value,
+    }
+    assert (told["solves"], len(told["path"]), told["values"]) == (len(best.path), best.solves, best.values)
+    assert told["limits"][0]["active"] is True
+    assert "current.loop" in best.assumptions[0]
+
+
+@pytest.mark.parametrize(
+    ("given", "fits"),
+    [
+        (1.0, True),
+        ([2.0], True),
+        ([0.0], False),
+        (0.0, False),
+        ([1.0, 2.0], False),
+        (np.inf, False),
+        ("x", False),
+    ],
+)
+def test_currents_of_a_design(given, fits):
+    """One coil; a number that does not exist ends each call before anything is solved."""
+    for currents in (given, {"a": given}, Carrying([0, 0, -DEPTH], given)):
+        if given == "x":
+            continue
+        asked = Number("no such number", "a" if isinstance(currents, dict) else "")
+        with pytest.raises(InputError) as caught:
+            fm.optimise(LOOP, [RADIUS], asked, currents=currents)
+        where = [problem.where for problem in caught.value.problems]
+        assert ("optimise(currents)" in where) == (not fits)
+        assert len(where) == 1 + (not fits)
+
+
+@pytest.mark.parametrize("missing", ["[payload]", "[workspace]"])
+def test_currents_that_carry_need_a_payload_and_a_workspace(missing):
+    text = "\n\n".join(part for part in LOOP.read_text().split("\n\n") if missing not in part)
+    with refused(InputError, where="optimise(currents)", must_hold="[payload] and a [workspace]"):
+        fm.optimise(text, [RADIUS], "common_current", currents=CARRIES)
+
+
+@pytest.mark.parametrize(
+    ("variables", "limits", "where"),
+    [
+        ([], [], "optimise(variables)"),
+        ([RADIUS, RADIUS], [], "optimise(variables)"),
+        ([Variable("current.loop", 0.0, 1.0)], [], ""),
+        ([Variable("current.*", 0.0, 1.0)], [], ""),
+        ([Variable("current.lop", 0.0, 1.0)], [], "optimise, current.lop"),
+        ([Variable("coil.loop.name", 0.0, 1.0)], [], "optimise, coil.loop.name"),
+        ([RADIUS], [Limit("power", 1.0, 1.0)], "optimise, power"),
+        ([RADIUS], [Limit("power", 1.0, 1.001)], ""),
+        ([RADIUS], [Limit("power")], "optimise, power"),
+        ([RADIUS], [Limit("power", 1.0)], ""),
+        ([RADIUS], [Limit(Number("power", "other"), 1.0)], "optimise, power, other"),
+        ([RADIUS], [Limit(Number("power", minus="other"), 1.0)], "optimise, power, other"),
+    ],
+)
+def test_variables_and_limits_of_a_design(variables, limits, where):
+    with pytest.raises(InputError) as caught:
+        fm.optimise(LOOP, variables, "no such number", limits)
+    others = [problem.where for problem in caught.value.problems if "no such number" not in problem.where]
+    assert others == ([where] if where else [])
+    # Of carrying currents none varies.
+    if variables and variables[0].is_current and not where:
+        with refused(
+            InputError, where=f"optimise, {variables[0].key}", received="currents that carry the payload"
+        ):
+            fm.optimise(LOOP, variables, "no such number", limits, currents=CARRIES)
+
+
+@pytest.mark.parametrize("method", ["SLSQP", "COBYQA"])
+@pytest.mark.parametrize(("share", "found"), [(1.02, True), (0.5, False)])
+def test_limits_are_looked_for_where_a_search_has_met_none(monkeypatch, method, share, found):
+    """A limit near the least current that lifts, or below it; the search itself is left out."""
+    monkeypatch.setattr(optimisation, "_minimised", lambda search, z: "left out")
+    least = 0.01 * 9.80665 / LIFT_PER_AMPERE
+    radius, limits = replace(RADIUS, start=32.0), [Limit("common_current", upper=share * least)]
+    how = {"currents": CARRIES, "method": method, "tolerance": 1e-5}
+    if found:
+        best = fm.optimise(LOOP, [radius], "power", limits, **how)
+        assert best.limits[0].holds
+        assert best.value > best.start_value or best.ended == "left out"
+        return
+    with pytest.raises(NoFeasibleDesign) as caught:
+        fm.optimise(LOOP, [radius], "power", limits, **how)
+    (problem,) = caught.value.problems
+    assert caught.value.nearest[RADIUS.key] == pytest.approx(BEST_RADIUS, abs=1.0)
+    assert (problem.where, problem.must_hold) == (
+        "optimise, common_current",
+        f"must be at most {0.5 * least:g}",
+    )
+    # Twice the limit: off by as much as that, 100 %.
+    value, off = float(problem.received.split()[0]), problem.received.split("off by ")[1].split(", ")
+    assert value == pytest.approx(least, rel=2e-3)
+    assert float(off[0]) == pytest.approx(0.5 * least, rel=5e-3)
+    assert float(off[1].removesuffix(" %")) == pytest.approx(100.0, rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("finer", "checks", "holds"), [(lambda i: i, 1, True), (None, 1, False), (lambda i: i + 0.5, 2, True)]
+)
+def test_a_design_is_checked_on_a_finer_mesh(finer, checks, holds):
+    """As it is there, where it cannot be solved, and where it has to be corrected."""
+    meshes = []
+
+    def own(device, state):
+        if state.report.tetrahedra not in meshes:
+            meshes.append(state.report.tetrahedra)
+        if meshes.index(state.report.tetrahedra) == 0:
+            return float(state.currents[0])
+        if finer is None:
+            raise ValueError("no number")
+        return finer(float(state.currents[0]))
+
+    current, limit = Variable("current.loop", 0.4, 5.0, 1.0), Limit(Number("own", of=own), upper=2.0)
+    how = {"maximise": True, "refinement": 0.4, "check_refinement": 1.5, "tolerance": 1e-5, **BELOW}
+    best = fm.optimise(SPHERE, [current], "flux_density 1 z", [limit], **how)
+    finest = pytest.approx(0.6)
+    assert [step.refinement for step in best.path if step.role == "check"] == [finest] * checks
+    assert (best.verified.refinement, best.verified.times_finer, best.verified.holds) == (finest, 1.5, holds)
+    assert best.values["current.loop"] == pytest.approx(2.0 if checks == 1 else 1.5, rel=1e-4)
+    (limit,) = best.limits
+    assert (limit.active, limit.holds) == (True, True)
+    assert limit.value == pytest.approx(best.values["current.loop"])
+    if finer is None:
+        assert "no number" in best.verified.failure
+        assert np.isnan(best.verified.objective)
+        assert limit.finer is None
+        return
+    assert best.verified.failure == ""
+    state = fm.solve_linear(fm.read_device(SPHERE), refinement=0.6).at([best.values["current.loop"]])
+    assert best.verified.objective == pytest.approx(state.field([0, 0, -0.014])[2], rel=1e-6)
+    assert limit.finer == pytest.approx(2.0, rel=1e-4)
+    assert len(best.assumptions) == 2 + (checks == 2)
+    assert "of constant permeability" in best.assumptions[1]
+    assert best.assumptions[1].endswith("divided by 0.4")
+
+
+def test_designs_of_an_earlier_search_are_marked(tmp_path):
+    found = []
+    for designs in (1, 2):
+        with searching(looped(), tmp_path / "best.nc", True, 1, None) as search:
+            for k in range(designs):
+                search.at(search.values(SCALED + 0.1 * k))
+            found.append(([step.kept for step in search.steps], search.solves, search.kept))
+    assert found == [([False], 1, 0), ([True, False], 1, 1)]

@@ -1,10 +1,16 @@
 """Study files with every mistake named at once, by line and key; recipes as the source of device and iron."""
 
+import itertools
+import json
+from dataclasses import replace
+
 import pytest
 
 from fieldmap.errors import StudyError
-from fieldmap.studies import read_study
-from fieldmap.studies.study import Axis
+from fieldmap.studies import Linked, read_study, reading
+from fieldmap.studies.quantities import GROUPS
+from fieldmap.studies.study import Axis, StudyIron, settings_with
+from tests.studies.conftest import LOOP
 
 MISTAKES = """format = 1
 title = "Everything wrong with the keys"
@@ -110,6 +116,8 @@ DIVIDED, BY_SIGNALS = "lift_and_directions = {{ u_A = 1.0{} }}", "currents.one.l
         (KEY, '"coil.loop.position_mm"', 6, "vary.turns.key", "an array or a table"),
         (VALUES, "[500, -1]", 7, "vary.turns.values", "coil.loop.turns of the device must be greater than 0"),
         (VALUES, "[500, 500]", 4, "vary.turns", "every value must be listed once"),
+        (VALUES, '[500, ""]', 7, "vary.turns.values.2", "finite number or a text"),
+        (VALUES, "[true]", 7, "vary.turns.values.1", "finite number or a text"),
         (VALUES, "[500, nan]", 7, "vary.turns.values.2", "finite number or a text"),
         ('name = "turns"', 'name = "coil"', None, "", "own axes and variables are taken"),
         ('name = "turns"', 'name = "reach_height"', None, "", "own axes and variables are taken"),
@@ -203,3 +211,313 @@ def test_a_name_that_cannot_be_is_told_in_words(devices):
     assert "letters, digits and _" in problem.must_hold
     assert problem.received == '"gap of it"'
     assert "^" not in str(problem)
+
+
+def read(devices, text, name="changed.toml"):
+    return read_study(devices.study(name, text))
+
+
+def refusals(devices, text):
+    """Places, by line and key, of what is refused; none where it is read."""
+    path = devices.study("changed.toml", text)
+    try:
+        read_study(path)
+    except StudyError as error:
+        return [problem.where.removeprefix(f"{path}") for problem in error.problems]
+    return []
+
+
+@pytest.fixture(scope="module")
+def six(devices):
+    """A study of six loops on a circle, without its currents."""
+    loops = LOOP.replace('name = "loop"', 'name = "{k}"\nrepeat = { count = 6, about = "z" }')
+    (devices.folder / "six.toml").write_text(loops.replace("position_mm = [0.0,", "position_mm = [100.0,"))
+    return GOOD.replace("thin_loop", "six").replace("coil.loop", "coil.1").replace("amperes_A = 1.0\n", "")
+
+
+CURRENTS = {
+    "amperes_A": "amperes_A = 1.0",
+    "u_A": "lift_and_directions = { u_A = 1.0 }",
+    "x": "lift_and_directions = { x = 0.1 }",
+    "shares": "shares = 1.0",
+    "carries": "carries_at_mm = [0, 0, -90]",
+}
+COMPLETE = [{"amperes_A"}, {"u_A"}, {"carries"}, {"carries", "shares"}, {"carries", "x"}]
+SETS = [
+    set(keys)
+    for count in range(5)
+    for keys in itertools.combinations(CURRENTS, count)
+    if not {"u_A", "x"} <= set(keys)
+]
+
+
+@pytest.mark.parametrize("keys", SETS, ids=lambda keys: " ".join(sorted(keys)) or "none")
+def test_a_set_of_currents_is_given_or_looked_for(devices, six, keys):
+    """Every combination of its keys."""
+    lines = "\n".join(CURRENTS[key] for key in keys)
+    text = six.replace('name = "one"\n', f'name = "one"\n{lines}\n')
+    assert refusals(devices, text) == ([] if keys in COMPLETE else [":8: currents.one"])
+    if keys == {"carries", "x"}:
+        (entry,) = read(devices, text).current_sets
+        assert (entry.common, entry.carried_at.tolist()) == (None, [0.0, 0.0, -0.09])
+        # Thesis (6-3): two coils follow x one way, two the other, and the mean is 1.
+        assert sorted(entry.shares.tolist()) == pytest.approx([0.9] * 3 + [1.1] * 3)
+
+
+@pytest.mark.parametrize(
+    ("line", "fits"),
+    [
+        ("lift_and_directions = { u_A = 1e9 }", True),
+        ("lift_and_directions = { u_A = 1.001e9 }", False),
+        ("lift_and_directions = { u_A = 9e8, x = 0.12 }", False),
+        ("lift_and_directions = { u_A = 9e8, x = 0.11 }", True),
+        ("lift_and_directions = { u_A = 9e8, x = 0.11, n = 1.1 }", False),
+        ("lift_and_directions = { u_A = 9e8, y = -0.12 }", False),
+        ("amperes_A = [1, 2, 3, 4, 5, 6]", True),
+        ("amperes_A = [1, 2, 3, 4, 5]", False),
+        ("amperes_A = [0, 0, 0, 0, 0, 1]", True),
+        ("amperes_A = [0, 0, 0, 0, 0, 0]", False),
+        ("carries_at_mm = [0, 0, -90]\nshares = [1, 2, 3, 4, 5]", False),
+        ("carries_at_mm = [0, 0, -90]\nshares = [1, 2, 3, 4, 5, 9]", True),
+    ],
+)
+def test_numbers_of_currents(devices, six, line, fits):
+    text = six.replace('name = "one"\n', f'name = "one"\n{line}\n')
+    assert (refusals(devices, text) == []) == fits
+    if line.endswith("9]"):
+        assert read(devices, text).current_sets[0].shares.tolist() == pytest.approx(
+            [k / 4 for k in (1, 2, 3, 4, 5, 9)]
+        )
+
+
+IRON = (
+    GOOD.replace("thin_loop", "sphere")
+    .replace("coil.loop.turns", "coil.loop.turns")
+    .replace("[record]\npoints_mm = [[0, 0, -90]]", "record = { points_mm = [[0, 0, -14]] }")
+)
+
+
+@pytest.mark.parametrize(
+    ("iron", "fits"),
+    [
+        ('model = "saturating"', True),
+        ('model = "saturating", mu_r = 1000', False),
+        ('model = "linear", mu_r = 1000', True),
+        ('model = "linear", accuracy = 0.01', True),
+        ('model = "linear", accuracy = 0.01, refinement = 1.0', False),
+        ('model = "saturating", accuracy = 0.01, refinement = 1.0', True),
+        ('model = "linear", refinement = 1.0', True),
+    ],
+)
+def test_how_iron_is_solved(devices, iron, fits):
+    text = IRON.replace("[[vary]]", f"iron = {{ {iron} }}\n[[vary]]")
+    text = "\n".join(line for line in text.splitlines() if not line.startswith("record"))
+    assert refusals(devices, text) == ([] if fits else [":4: iron"])
+    if fits:
+        groups = read(devices, text).record.groups
+        assert "error" in groups
+        wanted = text.replace("[[vary]]", 'record = { quantities = ["currents"] }\n[[vary]]', 1)
+        assert read(devices, wanted).record.groups == (
+            ("currents", "error") if "accuracy" in iron else ("currents",)
+        )
+
+
+def test_an_accuracy_needs_a_workspace(devices):
+    text = (devices.folder / "sphere.toml").read_text().split("[workspace]")[0]
+    (devices.folder / "bare.toml").write_text(text)
+    wanted = IRON.replace("sphere", "bare").replace("[[vary]]", "iron = { accuracy = 0.01 }\n[[vary]]")
+    wanted = "\n".join(line for line in wanted.splitlines() if not line.startswith("record"))
+    assert refusals(devices, wanted) == [":4: iron.accuracy"]
+
+
+@pytest.mark.parametrize(
+    ("line", "fits"),
+    [
+        ("force_share = 1.0", True),
+        ("force_share = 1.001", False),
+        ("force_share = 1e-6", True),
+        ("box_mm = [[-1, -2, -90], [1, 2, -80]]", True),
+        ("box_mm = [[1, -2, -90], [1, 2, -80]]", False),
+        ("box_mm = [[-1, 2, -90], [1, 2, -80]]", False),
+        ("box_mm = [[-1, -2, -80], [1, 2, -80]]", False),
+        ("box_mm = [[-1, -2, -90]]", False),
+        ("current_limit_A = 0.5", True),
+        ("current_limit_A = 0.0", False),
+    ],
+)
+def test_what_is_recorded_has_bounds(devices, line, fits):
+    text = GOOD + line + "\n"
+    key = line.split()[0]
+    assert refusals(devices, text) == ([] if fits else [f":13: record.{key}"])
+    if fits:
+        record = read(devices, text).record
+        assert record.force_share == (float(line.split()[-1]) if key == "force_share" else 0.01)
+        # That of the driver unless stated.
+        assert record.current_limit == (0.5 if key == "current_limit_A" else 3.0)
+        if key == "box_mm":
+            assert [corner.tolist() for corner in record.box] == [
+                [-0.001, -0.002, -0.09],
+                [0.001, 0.002, -0.08],
+            ]
+
+
+CARRIED = {"force_per_ampere", "equilibrium", "equilibrium_area", "reach", "reachable_share"}
+LOOPS = set(GROUPS) - {"iron", "error", "inductance", "power"}
+PAYLOAD = "[payload]\nmass_g = 1.0\nmoment_A_m2 = 0.1\n"
+
+
+@pytest.mark.parametrize(
+    ("device", "change", "record", "groups"),
+    [
+        ("loop", "", "points_mm = [[0, 0, -90]]\nbox_mm = [[-1, -1, -90], [1, 1, -80]]", LOOPS),
+        ("loop", "", "points_mm = [[0, 0, -90]]", LOOPS - {"homogeneity"}),
+        ("loop", "", "", LOOPS - {"homogeneity", "field", "force_per_ampere"}),
+        (
+            "loop",
+            "[driver]",
+            "points_mm = [[0, 0, -90]]",
+            LOOPS - {"homogeneity", "reach", "reachable_share"},
+        ),
+        ("loop", "[payload]", "points_mm = [[0, 0, -90]]", LOOPS - {"homogeneity"} - CARRIED),
+        ("loop", "[workspace]", "points_mm = [[0, 0, -90]]", LOOPS - {"homogeneity"} - CARRIED),
+        ("sphere", "", "", {"currents", "iron", "error"}),
+        ("sphere", "[workspace]", "", {"currents", "iron"}),
+        (
+            "sphere",
+            PAYLOAD,
+            "current_limit_A = 1.0",
+            {"currents", "iron", "error"} | CARRIED - {"force_per_ampere"},
+        ),
+        (
+            "sphere",
+            PAYLOAD,
+            'current_limit_A = 1.0\n[iron]\nmodel = "saturating"',
+            {"currents", "iron", "error"} | CARRIED - {"force_per_ampere", "reachable_share"},
+        ),
+    ],
+)
+def test_what_a_device_allows_is_recorded(devices, device, change, record, groups):
+    """Left to the study; each of the others is refused where it is asked for."""
+    text = getattr(devices, device).read_text()
+    if change.startswith("[payload]\n"):
+        text += change
+    else:
+        text = "\n\n".join(part for part in text.split("\n\n") if not change or change not in part)
+    (devices.folder / "allowing.toml").write_text(text)
+    wanted = GOOD.replace("thin_loop", "allowing").split("[record]")[0] + "[record]\n" + record + "\n"
+    found = read(devices, wanted).record.groups
+    assert set(found) == groups
+    assert found == tuple(group for group in GROUPS if group in groups)
+    asked = [group for group in GROUPS if group not in {"power", "inductance"}]
+    listed = wanted.replace("[record]\n", f"[record]\nquantities = {json.dumps(asked)}\n")
+    told = {text.split("quantities.")[1] for text in refusals(devices, listed)}
+    assert told == {str(k + 1) for k, group in enumerate(asked) if group not in groups}
+
+
+VARIANTS = """format = 1
+title = "Good"
+device = "thin_loop.toml"
+variant = [{ name = "few", set = { "coil.loop.turns" = 500 } }, { name = "many", set = { "coil.loop.turns" = 1000 } }]
+currents = [{ name = "one", amperes_A = 1.0 }, { name = "two", amperes_A = 2.0 }]
+"""
+
+
+def test_variants_one_by_one(devices):
+    study = read(devices, VARIANTS)
+    assert (study.shape, study.axes) == ((2,), ())
+    assert [study.settings(k) for k in (0, 1)] == [{"variant": "few"}, {"variant": "many"}]
+    assert [one.place for one in study.variants] == [(0,), (1,)]
+    assert [one.document.data["coil"][0]["turns"] for one in study.variants] == [500, 1000]
+    grid = read(devices, GOOD.replace("[[currents]]", LENGTHS + "[[currents]]"))
+    assert grid.shape == (2, 3)
+    assert grid.settings(4) == {"turns": 1000, "length": 2.0}
+    assert [one.place for one in grid.variants] == list(itertools.product(range(2), range(3)))
+
+
+LENGTHS = '[[vary]]\nname = "length"\nkey = "coil.loop.height_mm"\nvalues = [1.0, 2.0, 3.0]\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "before", "after", "where"),
+    [
+        (VARIANTS, '"many"', '"few"', [""]),
+        (VARIANTS, '"two"', '"one"', [""]),
+        (VARIANTS, "= 1000", "= -1", [":4: variant.many"]),
+        (
+            VARIANTS,
+            'coil.loop.turns" = 1000',
+            'coil.loop.turn" = 1000',
+            [":4: variant.many.set.coil.loop.turn"],
+        ),
+        (
+            VARIANTS,
+            "variant = [",
+            "vary = [{ name = 'n', key = 'coil.loop.turns', values = [1] }]\nvariant = [",
+            [""],
+        ),
+        (VARIANTS, 'device = "thin_loop.toml"\n', "", [""]),
+        (GOOD, "[[currents]]", LENGTHS.replace('"length"', '"turns"') + "[[currents]]", [""]),
+        (GOOD, 'device = "thin_loop.toml"', 'recipe = "quick"\niron = { refinement = 0.9 }', [""]),
+        (
+            GOOD,
+            'key = "coil.loop.turns"\nvalues = [500, 1000]',
+            'key = "coil.loop.kind"\nvalues = ["circular"]',
+            [],
+        ),
+        (
+            GOOD,
+            'key = "coil.loop.turns"\nvalues = [500, 1000]',
+            'key = "coil.loop.kind"\nvalues = ["circular"]\nlinked = [{ keys = ["coil.loop.turns"] }]',
+            [":4: vary.turns"],
+        ),
+        (
+            GOOD,
+            "values = [500, 1000]",
+            'values = [500, 1000]\nlinked = [{ keys = ["coil.loop.height_mm"], factor = -1.0, offset = 600.0 }]',
+            [":8: vary.turns.linked"],
+        ),
+    ],
+)
+def test_mistakes_of_variants(devices, text, before, after, where):
+    assert text.count(before) == 1
+    found = refusals(devices, text.replace(before, after))
+    assert found == where
+
+
+def test_a_mistake_in_several_variants_is_told_once(devices):
+    text = GOOD.replace("[500, 1000]", "[-1, 1000]").replace("[[currents]]", LENGTHS + "[[currents]]")
+    path, (problem,) = problems(devices, text)
+    assert problem.where == f"{path}:7: vary.turns.values"
+    assert problem.received == "-1 in the variant turns = -1, length = 1"
+
+
+@pytest.mark.parametrize(("most", "fits"), [(2, True), (1, False)])
+@pytest.mark.parametrize("text", [GOOD, VARIANTS])
+def test_a_study_of_too_many_variants(devices, monkeypatch, most, fits, text):
+    assert reading.LARGEST_STUDY == 10_000
+    monkeypatch.setattr(reading, "LARGEST_STUDY", most)
+    assert (refusals(devices, text) == []) == fits
+
+
+def test_keys_that_follow_a_value():
+    linked = (Linked(("a", "b")), Linked(("c",), 2.0, 0.5), Linked(("d",), offset=-1.0))
+    found = settings_with("x", 3.0, linked)
+    assert found == (("x", 3.0), ("a", 3.0), ("b", 3.0), ("c", 6.5), ("d", 2.0))
+
+
+@pytest.mark.parametrize(
+    ("file", "before", "after"),
+    [("study", "-90", "-91"), ("study", "Good", "Better"), ("device", "height_mm = 1.0", "height_mm = 1.5")],
+)
+def test_a_run_goes_on_where_its_files_are_the_same(devices, file, before, after):
+    first = read(devices, GOOD).fingerprint
+    assert read(devices, GOOD).fingerprint == first
+    text = GOOD.replace(before, after) if file == "study" else GOOD
+    if file == "device":
+        (devices.folder / "other.toml").write_text(LOOP.replace(before, after))
+        other = read(devices, GOOD.replace("thin_loop", "other")).device_document
+        assert replace(read(devices, GOOD), device_document=other).fingerprint != first
+        return
+    assert read(devices, text).fingerprint != first
+    saturating = replace(read(devices, GOOD), iron=StudyIron("saturating"))
+    assert saturating.fingerprint != first

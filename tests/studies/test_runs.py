@@ -4,15 +4,17 @@ import re
 import signal
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import xarray
 
-from fieldmap.errors import FieldmapError, InputError
+from fieldmap.errors import FieldmapError, InputError, Problem
 from fieldmap.store import Checkpoint, checkpoint_path
-from fieldmap.studies import read_study, run_study
+from fieldmap.studies import Uncertain, analyse_tolerances, read_study, run_study
 from fieldmap.studies.run import finished_variants
+from fieldmap.studies.variant_result import reason
 
 RUN = """
 import os, signal, sys
@@ -171,3 +173,55 @@ def test_missing_libraries_are_named_with_their_extra(grid, tmp_path, monkeypatc
     with pytest.raises(FieldmapError, match=r"\[studies\]"):
         run_study(grid, tmp_path / "grid.nc")
     assert not list(tmp_path.iterdir())
+
+
+def test_progress_is_told_in_words_and_shares(devices, tmp_path):
+    told, study = [], devices.study("failing.toml", FAILING)
+    run_study(study, tmp_path / "failing.nc", progress=lambda *of: told.append(of))
+    solved = [("1 of 2 variants: radius = 10", 0.5), ("2 of 2 variants: radius = 13", 1.0)]
+    assert told == [("solving 2 variants", 0.0), *solved, ("complete", 1.0)]
+    told.clear()
+    run_study(study, tmp_path / "failing.nc", retry=True, progress=lambda *of: told.append(of))
+    assert told == [
+        ("resumed with 1 of 2 variants", 0.0),
+        ("2 of 2 variants: radius = 13", 1.0),
+        ("complete", 1.0),
+    ]
+
+
+class Dead:
+    """Processes that die with each second thing that they are given."""
+
+    def __init__(self, *_):
+        pass
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def map(self, function, things):
+        for k, thing in enumerate(things):
+            value = None if k % 2 else function(thing)
+            yield SimpleNamespace(index=k, value=value, reason="the process died")
+
+
+def test_a_variant_or_design_whose_process_dies_is_recorded(devices, tmp_path, monkeypatch):
+    monkeypatch.setattr("fieldmap.studies.run.Workers", Dead)
+    study = devices.study("failing.toml", FAILING.replace("13.0", "9.0"))
+    done = run_study(study, tmp_path / "dead.nc")
+    assert done.failed == {"radius = 9": ("variant: the process died",)}
+    assert np.isnan(done.data.flux_density.sel(radius=9.0)).all()
+    assert np.isfinite(done.data.flux_density.sel(radius=10.0)).all()
+    monkeypatch.setattr("fieldmap.studies.search.Workers", Dead)
+    found = analyse_tolerances(devices.loop, [Uncertain("coil.loop.turns", 1.0)], ["power"], samples=8)
+    assert (list(found.failed.values()), found.numbers[0].sampled.count) == (["the process died"] * 4, 4)
+
+
+def test_what_is_recorded_of_a_failure():
+    """What was being done, the kind of error, and each of its problems, in one line."""
+    problems = [Problem(f"at {k}", "must hold", f"{k}", "mend it") for k in (1, 2)]
+    exact = "area: InputError: at 1: must hold; received 1; mend it | at 2: must hold; received 2; mend it"
+    assert reason("area", InputError(*problems)) == exact
+    assert reason("variant", ValueError("no number")) == "variant: ValueError: no number"

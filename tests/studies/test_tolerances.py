@@ -1,8 +1,12 @@
 """Deviations of a result against closed forms, and random devices against them."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+import fieldmap.interop
+import fieldmap.studies
 from fieldmap.errors import Infeasible, InputError
 from fieldmap.studies import Carrying, Linked, Number, Uncertain, analyse_tolerances
 from tests.conftest import DEVICES
@@ -167,3 +171,93 @@ def test_all_mistakes_at_once():
         where = [problem.where.removeprefix("analyse_tolerances") for problem in caught.value.problems]
         assert set(where) == places
         assert len(where) == len(places)
+
+
+@pytest.mark.parametrize(
+    ("samples", "deviation", "step", "fits"),
+    [
+        (0, 1.0, None, True),
+        (1, 1.0, None, False),
+        (2, 1.0, None, True),
+        (-1, 1.0, None, False),
+        (2.0, 1.0, None, False),
+        (0, 1e-9, None, True),
+        (0, 0.0, None, False),
+        (0, -1.0, None, False),
+        (0, np.inf, None, False),
+        (0, 1.0, 1e-9, True),
+        (0, 1.0, 0.0, False),
+        (0, 1.0, np.nan, False),
+    ],
+)
+def test_numbers_of_an_analysis(samples, deviation, step, fits):
+    """A number that does not exist ends each call before anything is solved."""
+    uncertain = [Uncertain("coil.loop.turns", deviation, step=step)]
+    with pytest.raises(InputError) as caught:
+        analyse_tolerances(LOOP, uncertain, ["no such number"], samples=samples)
+    where = [problem.where for problem in caught.value.problems]
+    assert (where == ["analyse_tolerances, no such number"]) == fits
+
+
+def test_statistics_of_samples_are_those_of_the_textbook():
+    """Of a made-up number: the errors of mean and deviation, and the range of 95 %; devices are told of as they go."""
+    told = []
+    grams = Number("grams", of=lambda device, state: 1e3 * device.payload.mass)
+    how = {"samples": 12, "seed": 5, "progress": lambda text, share: told.append((text.split(",")[0], share))}
+    found = analyse_tolerances(LOOP, [Uncertain("payload.mass_g", 0.5)], [grams], **how)
+    values = 10.0 + 0.5 * np.random.default_rng(5).standard_normal(12)
+    sampled = found["grams"].sampled
+    mean = sum(values) / 12
+    deviation = (sum((values - mean) ** 2) / 11) ** 0.5
+    assert (sampled.count, sampled.mean, sampled.deviation) == (
+        12,
+        pytest.approx(mean),
+        pytest.approx(deviation),
+    )
+    assert sampled.mean_error == pytest.approx(deviation / 12**0.5)
+    assert sampled.deviation_error == pytest.approx(deviation / 22**0.5)
+    ordered = np.sort(values)
+    # 2.5 % of the eleven distances between twelve values.
+    ends = [ordered[0] + 0.275 * (ordered[1] - ordered[0]), ordered[-1] - 0.275 * (ordered[-1] - ordered[-2])]
+    assert sampled.range == pytest.approx(ends)
+    assert (found["grams"].value, found["grams"].deviation) == (pytest.approx(10.0), pytest.approx(0.5))
+    assert found["grams"].derivatives == {"payload.mass_g": pytest.approx(1.0)}
+    assert (found.title, found.deviations, found.failed) == (
+        "Tolerances of thin_loop",
+        {"payload.mass_g": 0.5},
+        {},
+    )
+    # Itself, both sides of a difference, and the samples: 15 designs, as many as are allowed.
+    assert found.solves == 15
+    # Samples are solved four at a time, and told of together.
+    shares = np.array([1, 3, 3, *[7] * 4, *[11] * 4, *[15] * 4]) / 15
+    assert told == [(f"design {k + 1}", share) for k, share in enumerate(shares)]
+    with pytest.raises(KeyError):
+        found["kilograms"]
+
+
+def test_a_current_that_is_uncertain_and_a_number_that_moves_to_one_side():
+    def own(device, state):
+        if device.payload.mass < 0.0099:
+            raise ValueError("no number")
+        return 7.0 * device.payload.mass
+
+    uncertain = [Uncertain("current.loop", 0.02), Uncertain("payload.mass_g", 0.3, step=1.0)]
+    found = analyse_tolerances(LOOP, uncertain, [Number("common_current"), own], currents=2.0)
+    assert found["common_current"].value == 2.0
+    assert found["common_current"].deviation == pytest.approx(0.02)
+    assert found["common_current"].shares == {"current.loop": pytest.approx(1.0), "payload.mass_g": 0.0}
+    # 9 g have no number, 11 g have.
+    assert found["own"].derivatives["payload.mass_g"] == pytest.approx(7e-3)
+    assert found["own"].deviation == pytest.approx(2.1e-3)
+    with refused(InputError, where="analyse_tolerances, payload.mass_g", must_hold="to one side at least"):
+        own = Number("own", of=lambda device, state: 1.0 if device.payload.mass == 0.01 else float("nan"))
+        analyse_tolerances(LOOP, [Uncertain("payload.mass_g", 0.5)], [own])
+
+
+@pytest.mark.parametrize("module", [fieldmap.studies, fieldmap.interop])
+def test_records_do_not_change(module):
+    """Every data class that users get."""
+    found = [one for one in map(vars(module).get, module.__all__) if dataclasses.is_dataclass(one)]
+    assert len(found) > 2
+    assert [one.__name__ for one in found if not one.__dataclass_params__.frozen] == []
