@@ -35,7 +35,9 @@ def remembering_map() -> Iterator[Row]:
     domain, level = reduced.domain, reduced.known_currents[0]
     solver = HysteresisSolver(fm.read_device(recipe.device), None, recipe.refinement)
     report = opened.info.provenance.solver_report
-    found = f"{report['modes']} modes, {report['sample_points']} points, {report['states_solved']} states solved"
+    found = (
+        f"{report['modes']} modes, {report['sample_points']} points, {report['states_solved']} states solved"
+    )
     cost = (solver.surface_faces, 0, report["generation_seconds"], report["generation_processor_seconds"])
     errors = np.array(list(_along_ways(opened, solver, domain, level)))
     stated = opened.current_error
@@ -43,7 +45,9 @@ def remembering_map() -> Iterator[Row]:
     case = f"{recipe.device} with memory"
     for k, (what, bound) in enumerate((("B", FLUX_DENSITY), ("gradient", GRADIENT))):
         share = float(errors[:, k].max())
-        yield Row(case, f"error of {what}, {WAYS} ways of 30 steps", share, bound, "full solver", *cost, found)
+        yield Row(
+            case, f"error of {what}, {WAYS} ways of 30 steps", share, bound, "full solver", *cost, found
+        )
         own = float(errors[:, 2 + k].max() / (stated.flux_density, stated.gradient)[k])
         yield Row(case, f"true by stated error of {what}", own, 1.05, "full solver", *cost, found)
     for name, value in _small_loops(opened, solver, level):
