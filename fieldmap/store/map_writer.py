@@ -284,7 +284,7 @@ def _key(chunk: Chunk) -> str:
 
 def _check_finite(target: Path, chunk: Chunk, flux_density: Array, gradient: Array) -> None:
     # Not so for NaN either.
-    if all(np.abs(values).max() < _SINGULAR for values in (flux_density, gradient)):
+    if all(np.abs(values).max() <= _SINGULAR for values in (flux_density, gradient)):
         return
     raise MapFileError.of(
         f"{target.name}, x-planes {chunk.first} to {chunk.last - 1}",

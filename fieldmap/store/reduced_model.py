@@ -90,11 +90,10 @@ class ReducedModel(Record):
             values.flags.writeable = False
             object.__setattr__(self, name, values)
         offset = self.law_offset
-        rises = laws >= 1 and offset[0] == 0 and offset[-1] == knots and (np.diff(offset) >= 1).all()
+        rises = knots and np.array_equal(offset, np.unique([0, *offset.clip(0, knots), knots]))
         _check(rises, "law_offset", "rising from 0 to the number of knots", offset.tolist())
-        lowest, highest = self.law.min(initial=0), self.law.max(initial=0)
-        known = lowest >= 0 and highest < laws
-        _check(known, "law", f"numbers of {laws} laws", f"{lowest} to {highest}")
+        others = np.setdiff1d(self.law, range(laws))
+        _check(not others.size, "law", f"numbers of {laws} laws", others.tolist())
         _check(len(self.known_currents), "known_currents", "at least one state", "none")
         _check((self.weights > 0).all(), "weights", "positive", self.weights.min(initial=np.inf))
 
