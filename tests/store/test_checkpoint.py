@@ -78,7 +78,9 @@ def test_the_file_is_laid_out_as_its_description_says(filled):
         assert hashlib.sha256(header + payload).hexdigest() == digest
         told = json.loads(header)
         assert (told["key"], json.dumps(told["about"])) == (key, json.dumps(about))
-        assert told["arrays"] == [[name, np.asarray(v).dtype.str, [*np.shape(v)]] for name, v in arrays.items()]
+        assert told["arrays"] == [
+            [name, np.asarray(v).dtype.str, [*np.shape(v)]] for name, v in arrays.items()
+        ]
         assert payload == b"".join(np.asarray(v).tobytes() for v in arrays.values())
         assert stream.read(1) == b"\n"
     assert stream.read() == b""

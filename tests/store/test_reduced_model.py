@@ -48,7 +48,9 @@ def test_all_arrays_and_their_counts():
     assert ReducedModel(**fields, parametrisation=model.parametrisation).fixed.shape == (0,)
 
 
-LENGTHS = [(name, axis, step) for name, shape in SHAPES.items() for axis in range(len(shape)) for step in (-1, 1)]
+LENGTHS = [
+    (name, axis, step) for name, shape in SHAPES.items() for axis in range(len(shape)) for step in (-1, 1)
+]
 
 
 @pytest.mark.parametrize(("name", "axis", "step"), LENGTHS)

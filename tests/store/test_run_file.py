@@ -82,7 +82,10 @@ def test_a_seal_is_checked_where_there_is_one(path):
     ("change", "must_hold"),
     [
         (lambda file: file.__setitem__("run_0002", np.zeros(3)), "run_0002: a run"),
-        (lambda file: file["run_0001"].attrs.__setitem__("about", "[1]"), "run_0001, about: names and values"),
+        (
+            lambda file: file["run_0001"].attrs.__setitem__("about", "[1]"),
+            "run_0001, about: names and values",
+        ),
         (lambda file: file.__setitem__("run_0002", h5py.SoftLink("/run_0001")), "run_0002 inside the file"),
         (lambda file: file["run_0001"].create_group("more"), "run_0001/more: numbers"),
     ],
