@@ -170,7 +170,7 @@ def test_records_do_not_change_and_those_with_arrays_are_not_compared():
             import_module(f"fieldmap.{package}").__path__, f"fieldmap.{package}."
         ):
             for name, one in vars(import_module(found.name)).items():
-                if getattr(one, "__module__", "") == found.name and hasattr(one, "__dataclass_params__"):
+                if isinstance(one, type) and one.__module__ == found.name and is_dataclass(one):
                     seen[name] = one
     public = {name: one for name, one in seen.items() if not name.startswith("_")}
     assert {name for name, one in public.items() if one.__eq__ is not object.__eq__} == BY_VALUE
