@@ -177,5 +177,5 @@ def test_records_do_not_change_and_those_with_arrays_are_not_compared():
     assert len(public) > 20
     for one in public.values():
         assert one.__dataclass_params__.frozen
-        plain = {str(kind.type) for kind in fields(one)} <= {"int", "float", "str"}
+        plain = {getattr(kind.type, "__name__", kind.type) for kind in fields(one)} <= {"int", "float", "str"}
         assert plain or one.__repr__ is Record.__repr__, one
