@@ -89,7 +89,8 @@ def test_errors_of_the_current_model_are_the_largest_over_all_kinds():
     first, *_ = model(states_tried=TRIED, error=FieldError(9.1e-6, 0.0082))
     assert first == (
         "largest error 0.56 % of B, 0.34 % of the gradient, relative to the largest of the state (9.1 uT, 8.2 mT/m), "
-        "at test states outside of the training: 7 found by a search; 20 at random (18 solved, the others mirror images)"
+        "at test states outside of the training: 7 found by a search; 20 at random (18 solved, the others "
+        "mirror images)"
     )
     trained = {"trained on": {"states": 60, "solved": 60, "flux_density_share": 0.0, "gradient_share": 0.0}}
     first, *_ = model(states_tried=TRIED | trained)
