@@ -85,6 +85,17 @@ def test_other_fields_are_refused(tmp_path, changes, received):
         read_field_mesh(path)
 
 
+def test_a_single_node(tmp_path):
+    path = written(tmp_path / "mesh.h5", gridSize=(1, 1, 1))
+    with h5py.File(path, "r+") as file:
+        for name, value in (("x", [[[2.0]]]), ("y", [[[5.0]]])):
+            del file["/ExternalFieldPath/1/magneticField"][name]
+            file["/ExternalFieldPath/1/magneticField"][name] = value
+    points, flux = read_field_mesh(path)
+    np.testing.assert_array_equal(points, [[0.1, -0.2, 0.3]])
+    np.testing.assert_array_equal(flux, [[6.0, 15.0, 1.5]])
+
+
 @pytest.mark.parametrize(("most", "taken"), [(24, True), (23, False)])
 def test_as_many_nodes_as_are_allowed(tmp_path, monkeypatch, most, taken):
     assert field_mesh.MOST_NODES == 5_000_000

@@ -173,6 +173,16 @@ def test_limits(tmp_path, what, share):
     assert float(problem.received) == pytest.approx(share * limit, rel=2e-3)
 
 
+def test_a_deviation_of_the_limit_itself_is_allowed(tmp_path):
+    """The largest gradient is 1 T/m, the trace 1e-4 T/m, both to the last bit."""
+    slope = np.zeros((1, 2, 2, 2, 3, 3))
+    slope[..., 0, 1] = slope[..., 1, 0] = 1.0
+    slope[..., 0, 0] = 1e-4
+    grid = Grid([0, 0, 0], [1, 1, 1], (2, 2, 2))
+    data = MapData(grid, ("a",), [1.0], flux_density=np.zeros((1, 2, 2, 2, 3)), gradient=slope)
+    assert check_map(write_map(tmp_path / "map.h5", data)).divergence == 1e-4
+
+
 def test_without_a_field_deviations_are_absolute(tmp_path):
     """There is no largest to relate them to."""
     nothing = harmonic_map(flux_density=np.zeros((2, 4, 5, 3, 3)), gradient=np.zeros((2, 4, 5, 3, 3, 3)))
