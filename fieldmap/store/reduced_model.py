@@ -12,7 +12,7 @@ from fieldmap.currents import CurrentDomain, CurrentParametrisation, Independent
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-_INTEGER = ("law", "law_offset")
+INTEGER = ("law", "law_offset")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -82,7 +82,7 @@ class ReducedModel(Record):
             "fixed": (3 * p,) if np.size(self.fixed) else (0,),
         }
         for name in ARRAYS:
-            kind = np.int64 if name in _INTEGER else np.float64
+            kind = np.int64 if name in INTEGER else np.float64
             values = np.array(getattr(self, name), dtype=kind)
             shape = wanted.get(name, values.shape)
             _check(values.shape == shape, name, f"shape {shape}", f"shape {values.shape}")
@@ -139,7 +139,7 @@ def parametrisation_of(division_exponent: Array, coils: int) -> CurrentParametri
     exponents = np.ravel(division_exponent)
     received = f"{exponents.size} numbers"
     _check(exponents.size <= 1, "division_exponent", "one number or none", received)
-    return LiftAndDirections(float(exponents[0])) if exponents.size else IndependentCurrents(coils)
+    return LiftAndDirections(*exponents.tolist()) if exponents.size else IndependentCurrents(coils)
 
 
 def _check(holds: object, name: str, must_hold: str, received: object) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.constants import g as gravity
 
-from fieldmap.currents import CurrentDomain, IndependentCurrents, LiftAndDirections
+from fieldmap.currents import CoilGroups, CurrentDomain, IndependentCurrents, LiftAndDirections
 from fieldmap.device.model import Driver
 from fieldmap.errors import MissingExtraError, OutsideMapError
 from fieldmap.io.map_summary import (
@@ -122,6 +122,8 @@ def test_signals_are_named_and_have_their_ranges():
     each = CurrentDomain(IndependentCurrents(2), np.array([0.5, -1.0]), np.array([2.0, 3.0]))
     assert signal_names(lift, tuple("123456")) == ("u", "x", "y")
     assert signal_names(each, ("left", "right")) == ("left", "right")
+    groups = CurrentDomain(CoilGroups(((0, 1), (2,))), np.zeros(2), np.ones(2))
+    assert signal_names(groups, ("a", "b", "c")) == groups.parametrisation.signal_names != ("a", "b", "c")
     info = SimpleNamespace(coil_names=("left", "right"), reduced_model=SimpleNamespace(domain=each))
     summary = MapSummary("a.h5", 1, info, None, None, (), "")
     assert summary.signal_ranges() == {"left": (0.5, 2.0), "right": (-1.0, 3.0)}

@@ -1,7 +1,9 @@
 """Files that are no complete, undamaged map: always a MapFileError, never a traceback, never wrong numbers."""
 
+import errno
 import hashlib
 import json
+import os
 import re
 from pathlib import Path
 
@@ -98,8 +100,10 @@ def test_sealing_again_changes_nothing(path):
 @pytest.mark.parametrize("name", ["none.h5", "folder.h5"])
 def test_what_is_no_file_is_not_sealed(tmp_path, name):
     (tmp_path / "folder.h5").mkdir()
-    with refused_as(MapFileError, where=str(tmp_path / name)):
+    told = os.strerror(errno.EISDIR if name.startswith("folder") else errno.ENOENT)
+    with refused_as(MapFileError, where=str(tmp_path / name)) as caught:
         seal_map(tmp_path / name)
+    assert caught.value.problems[0].received == told
     assert [one.name for one in tmp_path.iterdir()] == ["folder.h5"]
 
 

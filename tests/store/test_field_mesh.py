@@ -74,6 +74,7 @@ def test_what_is_not_said_is_not_scaled(tmp_path):
         ({"axisLabels": [b"z", b"y", b"x"]}, "rectangular geometry, axes ['z', 'y', 'x'], harmonic 0"),
         ({"gridSize": (2, 3, 5)}, "a component of shape (2, 3, 4) on a grid of (2, 3, 5)"),
         ({"gridSize": (2, 3, 3)}, "a component of shape (2, 3, 4) on a grid of (2, 3, 3)"),
+        ({"gridSpacing": [0.1, 0.2]}, "is shorter than argument 1"),
         ({"gridSize": (0, 3, 4)}, "[0, 3, 4]"),
         ({"gridSize": (-1, 3, 4)}, "[-1, 3, 4]"),
         ({"gridSize": (10**6, 10**6, 10**9)}, "[1000000, 1000000, 1000000000]"),

@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from fieldmap.currents import LiftAndDirections
+from fieldmap.currents import IndependentCurrents, LiftAndDirections
 from fieldmap.errors import InputError
 from fieldmap.store import ReducedModel, read_map, write_map
 from fieldmap.store.map_format import REDUCED_MODEL
@@ -112,6 +112,8 @@ def test_what_was_received_is_told():
         make_model(weights=np.array([0.2, -0.1, 0.1]))
     with refused(InputError, received="one of 6 coils", must_hold="one of 2 coils"):
         make_model(parametrisation=LiftAndDirections(1.25))
+    with refused(InputError, received="one of 1 coils", must_hold="one of 2 coils"):
+        make_model(parametrisation=IndependentCurrents(1))
     empty = {"law_knots": np.zeros(0), "law_coefficients": np.zeros((0, 4)), "law_offset": np.array([0])}
     with refused(InputError, where="reduced model, law_offset"):
         make_model(**empty)

@@ -12,7 +12,7 @@ from tests.refusals import refused
 
 RUNS = [
     RunRecord({"time": (np.array([0.0, 0.5]), "s", "time"), "x": (np.zeros((0, 2)), "m", "x,y")}, {"event": "fell"}),
-    RunRecord({"state": (np.array([[1.0, 2.0], [3.0, 4.0]]), "A", "left,right")}, {"steps": 3}),
+    RunRecord({"state": (np.array([[1.0]]), "A", "left")}, {"steps": 3}),
 ]  # fmt: skip
 
 
@@ -38,7 +38,7 @@ def test_the_file_is_laid_out_as_its_description_says(path):
         assert (file.attrs["format"], file.attrs["title"]) == ("fieldmap run 1", "two")
         assert list(file) == ["run_0000", "run_0001"]
         state = file["run_0001/state"]
-        assert (state.fletcher32, state.attrs["unit"], state.attrs["columns"]) == (True, "A", "left,right")
+        assert (state.fletcher32, state.attrs["unit"], state.attrs["columns"]) == (True, "A", "left")
         assert json.loads(file["run_0001"].attrs["about"]) == {"steps": 3}
 
 
@@ -68,6 +68,19 @@ def test_what_is_no_hdf5(tmp_path, content):
     with refused(InputError, where=str(path), must_hold="a file of runs") as caught:
         read_runs(path)
     assert ("No such file" if content is None else "file signature") in caught.value.problems[0].received
+
+
+@pytest.mark.parametrize(
+    ("raised", "told"), [(OSError("one\ntwo\nthree"), "one"), (MemoryError(), "no file of runs")]
+)
+def test_an_error_of_the_library_is_told_in_one_line(path, monkeypatch, raised, told):
+    def fails(*_):
+        raise raised
+
+    monkeypatch.setattr("h5py.File", fails)
+    with refused(InputError, where=str(path), received=told) as caught:
+        read_runs(path)
+    assert caught.value.problems[0].received == told
 
 
 def test_a_seal_is_checked_where_there_is_one(path):
