@@ -42,7 +42,7 @@ typedef struct fieldmap_iron {
 
 /* State and work space of the solver; one for each thread. steps, left_over: number of steps and estimated relative error, in
  * the energy norm, of the last solve. tolerance: allowed relative error; checked: whether currents outside the domain are
- * refused. The caller may set these two. cells: reversible fields that the cells remember, zero at first:
+ * refused. The caller may set these two. cells: what the cells remember (fieldmap_cell_moved), zero at first:
  * demagnetised iron. */
 typedef struct fieldmap_iron_state {
     const fieldmap_iron *map;
@@ -183,7 +183,7 @@ static inline size_t fieldmap_iron_lay_out(const fieldmap_iron *map, fieldmap_ir
     s->changes = (double *)fieldmap_iron_place(memory, &used, pairs * r, d);
     s->responses = (double *)fieldmap_iron_place(memory, &used, pairs * r, d);
     s->susceptible = (double *)fieldmap_iron_place(memory, &used, 6 * p, d);
-    s->cells = (double *)fieldmap_iron_place(memory, &used, n * (size_t)map->n_cells, d);
+    s->cells = (double *)fieldmap_iron_place(memory, &used, 4 * p * (size_t)map->n_cells, d);
     s->products = (double *)fieldmap_iron_place(memory, &used, (size_t)map->n_terms, d);
     s->material = (double *)fieldmap_iron_place(memory, &used, w, d);
     s->single = (float *)fieldmap_iron_place(memory, &used, w, f);
@@ -333,7 +333,7 @@ static inline void fieldmap_iron_polarise_cells(const fieldmap_iron *map, const 
     const fieldmap_iron_curve of = fieldmap_iron_curve_of(map, p);
     int i;
     fieldmap_cells_respond(&of, s->piece + p, map->n_cells, pinning, map->shares, h,
-        s->cells + 3 * (size_t)p * (size_t)map->n_cells, j, NULL, susceptible);
+        s->cells + 4 * (size_t)p * (size_t)map->n_cells, j, NULL, susceptible);
     for (i = 0; i < 3; i++) j[i] *= map->weights[p];
     for (i = 0; i < 6 && susceptible != NULL; i++) susceptible[i] *= map->weights[p];
 }
@@ -894,7 +894,7 @@ static inline void fieldmap_iron_advance(fieldmap_iron_state *s)
     for (p = 0; p < map->p; p++) {
         const fieldmap_iron_curve of = fieldmap_iron_curve_of(map, p);
         const double *pinning = fieldmap_iron_pinning(map, p);
-        double *cells = s->cells + 3 * (size_t)p * (size_t)map->n_cells;
+        double *cells = s->cells + 4 * (size_t)p * (size_t)map->n_cells;
         if (pinning != NULL)
             fieldmap_cells_respond(&of, s->piece + p, map->n_cells, pinning, map->shares, s->h + 3 * (size_t)p, cells, polarisation,
                 cells, NULL);
@@ -918,7 +918,7 @@ static inline size_t fieldmap_iron_copy(fieldmap_iron_state *s, double *out, con
     const size_t r = (size_t)map->r, passed = FIELDMAP_IRON_PASSED;
     double *const parts[5] = {s->currents, s->amplitudes, s->factor, s->solution, s->cells};
     const size_t sizes[5] = {passed * (size_t)map->n_coils, passed * r, r * r, (size_t)map->n_fields,
-                             3 * (size_t)map->p * (size_t)map->n_cells};
+                             4 * (size_t)map->p * (size_t)map->n_cells};
     size_t used = 2;
     int i;
     if (out != NULL) out[0] = (double)s->count, out[1] = s->left_over;

@@ -90,6 +90,13 @@ class IronState:
         return int(LIBRARY.iron_amplitudes(self.state)[2])
 
 
+def last_currents(remembered: Array, coils: int) -> Array:
+    """Currents (c,) of the last state among numbers of `IronState.remembered`; zero where there is none."""
+    passed: int = LIBRARY.IRON_PASSED
+    # Behind how many states there are and what the last solve left lie the currents of each, the last one last.
+    return remembered[2 + (passed - 1) * coils : 2 + passed * coils].copy()
+
+
 def continued(aim: Array, passed: Array, amplitudes: Array) -> Array:
     """The amplitudes (r,) with which a solve at currents `aim` (c,) begins behind n states passed, 3 at most: their
     currents (n, c) and amplitudes (n, r), newest last."""

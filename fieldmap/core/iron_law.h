@@ -120,8 +120,8 @@ static inline double fieldmap_cell_bounded(
     return mu;
 }
 
-/* Fill the reversible field r[3] of a cell in the field h, from the remembered p, and return mu of (2): 0 where the cell
- * stays, infinity without pinning. r lies on the circle of radius kappa about h, in the plane of h and p. Newton's method turns
+/* Fill the reversible field r[3] of a cell in the field h, from the remembered p[4], and return mu of (2): 0 where the cell
+ * stays, infinity without pinning. A cell remembers its field and the ratio of its polarisation to it. r lies on the circle of radius kappa about h, in the plane of h and p. Newton's method turns
  * the direction n of h - r, which begins straight towards h, until J(r) - J(p) points along it. */
 static inline double fieldmap_cell_moved(
     const fieldmap_iron_curve *of, int *piece, const double *h, const double *p, double kappa, double *r)
@@ -139,7 +139,7 @@ static inline double fieldmap_cell_moved(
     for (i = 0; i < 3; i++) v[i] = h[i] - h_u * u[i];
     h_v = fieldmap_norm(v);
     for (i = 0; i < 3; i++) v[i] = h_v > 0.0 ? v[i] / h_v : 0.0;
-    chord = fieldmap_iron_chord(of, piece, fieldmap_norm(p), &slope);
+    chord = p[3];
     for (i = 0; i < 3; i++) j[i] = chord * p[i];
     for (k = 0; k < FIELDMAP_CELL_TURNS; k++) {
         const double r_u = h_u - kappa * n_u, r_v = h_v - kappa * n_v, s = sqrt(r_u * r_u + r_v * r_v);
@@ -162,8 +162,8 @@ static inline double fieldmap_cell_moved(
     return fieldmap_cell_bounded(of, piece, h, j, kappa, r);
 }
 
-/* Polarisation j[3] of `cells` cells in the field h. shares: their weights, with the sum 1. before, after: reversible fields
- * (3 each) that they remember, and that they would; susceptible: dJ/dh, entries xx, xy, xz, yy, yz, zz. after and susceptible
+/* Polarisation j[3] of `cells` cells in the field h. shares: their weights, with the sum 1. before, after: what they remember,
+ * and would (4 numbers each, as of fieldmap_cell_moved); susceptible: dJ/dh, entries xx, xy, xz, yy, yz, zz. after and susceptible
  * may be NULL. Equations (1) and (4). */
 static inline void fieldmap_cells_respond(const fieldmap_iron_curve *of, int *piece, int cells, const double *pinning,
     const double *shares, const double *h, const double *before, double *j, double *after, double *susceptible)
@@ -172,12 +172,15 @@ static inline void fieldmap_cells_respond(const fieldmap_iron_curve *of, int *pi
     for (i = 0; i < 3; i++) j[i] = 0.0;
     for (i = 0; i < 6 && susceptible != NULL; i++) susceptible[i] = 0.0;
     for (k = 0; k < cells; k++) {
-        double r[3], e[3], n[3], part[6], slope, chord, s, across, along, push, dot;
-        const double mu = fieldmap_cell_moved(of, piece, h, before + 3 * k, pinning[k], r);
-        s = fieldmap_norm(r);
-        chord = fieldmap_iron_chord(of, piece, s, &slope);
+        double r[3], e[3], n[3], part[6], slope = 0.0, chord = before[4 * k + 3], s = 0.0, across, along, push, dot;
+        const double mu = fieldmap_cell_moved(of, piece, h, before + 4 * k, pinning[k], r);
+        if (mu > 0.0) {
+            s = fieldmap_norm(r);
+            chord = fieldmap_iron_chord(of, piece, s, &slope);
+        }
         for (i = 0; i < 3; i++) j[i] += shares[k] * chord * r[i];
-        for (i = 0; i < 3 && after != NULL; i++) after[3 * k + i] = r[i];
+        for (i = 0; i < 3 && after != NULL; i++) after[4 * k + i] = r[i];
+        if (after != NULL) after[4 * k + 3] = chord;
         if (mu == 0.0 || susceptible == NULL) continue;
         for (i = 0; i < 3; i++) e[i] = s > 1e-30 ? r[i] / s : 0.0;
         across = chord, along = slope - chord;

@@ -142,21 +142,32 @@ def numbers_in_fields(
 ) -> Array:
     """The numbers of a model without coils, for `IronState.solve_in`; arguments and tables of the laws as in
     `CompiledModel`."""
-    modes, none = len(constant), np.zeros(0)
-    return core_numbers(
-        CompiledModel(
-            np.zeros((len(gradients), 0)),
-            none,
-            gradients,
-            weights,
-            law,
-            *tables,
-            air,
-            constant,
-            np.zeros((0, modes)),
-            np.zeros((0, 3), np.int64),
-            np.zeros((0, modes)),
-            SignalDomain(False, 0.0, none, none, none, none, np.inf, 0.0, False),
-            1.0,
-        )
-    )
+    nothing = np.zeros((0, 3), np.int64), np.zeros((0, len(constant)))
+    given = np.zeros((len(gradients), 0)), np.zeros(0), gradients, weights, law, *tables, air, constant
+    return core_numbers(CompiledModel(*given, nothing[1], *nothing, _any_currents(0), 1.0))
+
+
+def numbers_of_cells(
+    source: Array,
+    fixed: Array,
+    gradients: Array,
+    weights: Array,
+    law: NDArray[np.int64],
+    tables: tuple[NDArray[np.int64], Array, Array],
+    air: Array,
+    constant: Array,
+    pinning: Array,
+    shares: Array,
+) -> Array:
+    """The numbers of a model of iron with hysteresis at any currents and without fields, for `IronState.step`;
+    arguments as in `CompiledModel`. Its steps begin at no expansion."""
+    modes = len(constant)
+    terms = np.zeros((1, 3), np.int64), np.zeros((1, modes))
+    given = source, fixed, gradients, weights, law, *tables, air, constant, np.zeros((0, modes)), *terms
+    return core_numbers(CompiledModel(*given, _any_currents(source.shape[1]), 1.0, pinning, shares))
+
+
+def _any_currents(coils: int) -> SignalDomain:
+    # What no expansion begins at and nobody refuses needs one signal, which says nothing.
+    matrix, end = np.zeros((coils, min(coils, 1))), np.ones(min(coils, 1))
+    return SignalDomain(False, 0.0, matrix, matrix.T, -end, end, np.inf, 0.0, False)

@@ -6,7 +6,7 @@ parametrisation, or linearised about currents.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +21,7 @@ from fieldmap.core.machine import BodyNumbers, Plant
 from fieldmap.field import Field, require_affine, require_bounds
 from fieldmap.lookup import FieldMap, interpolate, saturates, table_of_currents, tangent_block, unit_block
 from fieldmap.lookup.current_solver import COMPILED_TOLERANCE
-from fieldmap.lookup.iron_response import compiled_currents
+from fieldmap.lookup.iron_response import compiled_currents, remembered_by
 from fieldmap.records import Record
 from fieldmap.store import Grid, MapData, Provenance
 from fieldmap.typing import Array
@@ -38,7 +38,8 @@ class FieldOfCurrents(Record):
     """block: coefficients of the fields. Their weights follow the currents, times `scale`, a calibration: by the
     `model` of saturating iron, by a `table`, or, without both, in proportion. assumptions; tolerance: share of the
     state that solves of the model may leave, in the norm of the energy; constant: whether something that no current
-    drives makes a field, too; iron: "linear", "linearised", "table" or "model"."""
+    drives makes a field, too; iron: "linear", "linearised", "table" or "model"; remembered: what iron with hysteresis
+    remembers where a run begins, of the C core; empty for other iron."""
 
     block: Array
     assumptions: tuple[str, ...]
@@ -48,6 +49,7 @@ class FieldOfCurrents(Record):
     tolerance: float = COMPILED_TOLERANCE
     constant: bool = False
     iron: str = "linear"
+    remembered: Array = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
     def map(self) -> CoreMap:
@@ -75,23 +77,28 @@ class FieldOfCurrents(Record):
         drives
             Numbers of the drives.
         tolerance
-            Of the model of the iron; that of the field unless given.
+            Of the model of the iron in trials, which iron with hysteresis does not remember; unless given, that
+            of the field, for currents along a way.
 
         Returns
         -------
         Plant
             The plant for the C core.
         """
+        state = None if self.model is None else self.model.state()
+        if state is not None and self.remembered.size:
+            state.recall(self.remembered)
         return Plant(
             map=self.map.map,
             body=body,
             seen_at=seen_at,
             scale=self.scale,
-            iron=None if self.model is None else self.model.state().state,
+            iron=None if state is None else state.state,
             tolerance=self.tolerance if tolerance is None else tolerance,
             table=None if self.table is None else self.table.table,
             windings=windings,
             drives=drives,
+            led=int(tolerance is None),
         )
 
 
@@ -227,9 +234,13 @@ def modelled(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
     if not saturates(field_map):
         return superposed(field_map, scale)
     model = CoreIron(core_numbers(compiled_currents(field_map)))
-    note = "saturating iron by the map's model, solved at every step at which currents change, to "
+    remembered, which = remembered_by(field_map), "saturating iron"
+    if field_map.remembers:
+        begin = ", ".join(f"{value:.3g}" for value in field_map.last_currents)
+        which = f"iron with hysteresis, which remembers what made its state at {begin} A,"
+    note = f"{which} by the map's model, solved at every step at which currents change, to "
     note += f"{COMPILED_TOLERANCE:g} of its state"
-    return _following(field_map, scale, "model", note, model=model)
+    return replace(_following(field_map, scale, "model", note, model=model), remembered=remembered)
 
 
 def tabled(

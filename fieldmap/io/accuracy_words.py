@@ -116,8 +116,13 @@ def _missed(summary: MapSummary) -> Iterator[str]:
 
 
 def _corners(solver: Mapping[str, Any]) -> Iterator[str]:
-    """At which extremes of the currents the model was tried. Of a map of an earlier version that they were not
-    searched, and how the corners of the domain were chosen, where not all of them were solved."""
+    """At which extremes of the currents the model was tried; of iron with hysteresis its history. Of a map of an
+    earlier version that extremes were not searched, and how the corners of the domain were chosen, where not all of
+    them were solved."""
+    if "level_of_histories" in solver:
+        level = ", ".join(f"{i:.4g}" for i in dict.fromkeys(solver["level_of_histories"]))
+        yield f"states lie on ways of the currents; the map opens with the history 'shaken' about {level} A"
+        return
     extremes, corners = solver.get("extremes"), solver.get("corners")
     if extremes:
         yield _extremes(extremes)

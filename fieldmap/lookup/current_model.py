@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import threading
+from copy import copy
 from functools import cached_property, partial
 
 import numpy as np
 
-from fieldmap.core.iron import BEYOND, FOUND, NOT_CONVERGED, CoreIron, IronState
+from fieldmap.core.iron import BEYOND, FOUND, NOT_CONVERGED, CoreIron, IronState, last_currents
 from fieldmap.core.iron_numbers import CompiledModel, core_numbers
 from fieldmap.currents import ROUNDING, TOLERANCE, IndependentCurrents
 from fieldmap.errors import OutsideMapError, Problem
@@ -22,6 +23,8 @@ _TIGHT, _OF_SEARCH = 1e-8, 1e-10
 # Tolerance of lookups from Python. With it two solves of the same currents that begin at different states agree within
 # 1e-6. The extra step of Newton's method costs less than the call itself.
 _OF_LOOKUPS = 5e-7
+# Of the steps of iron with hysteresis, each of which begins where the last one ended.
+_OF_STEPS = 1e-7
 _REMEDY = 'make a map with a wider [currents], or open this one with outside_currents="evaluate"'
 
 
@@ -32,8 +35,8 @@ class CurrentSearch:
     enough for a search that must meet its demand within 1e-9.
     """
 
-    def __init__(self, state: IronState, field_count: int) -> None:
-        self._state, self._count, self._fresh = state, field_count, True
+    def __init__(self, state: IronState, field_count: int, fresh: bool) -> None:
+        self._state, self._count, self._fresh = state, field_count, fresh
 
     def weights_and_slopes(self, currents: Array) -> tuple[Array, Array]:
         """Weights (n_fields,) at currents (c,), and their derivatives (n_fields, c) by the currents, 1/A."""
@@ -64,12 +67,18 @@ class CurrentModel:
         Begin each solve at the state of the previous call. This is quicker where currents change little from
         call to call. Results then depend on earlier calls, by 1e-6 at most. Each thread has a state of its
         own.
+
+    Attributes
+    ----------
+    remembered : what iron with hysteresis remembers, numbers of `IronState.remembered`, from which every solve begins;
+        none for other iron. `led` gives iron with hysteresis its first.
     """
 
     def __init__(
         self, model: ReducedModel, coil_names: tuple[str, ...], outside: str = "raise", follow: bool = False
     ) -> None:
         self.model = model
+        self.remembered = np.zeros(0)
         self._follow = follow
         self._names = coil_names
         self._outside = outside
@@ -136,13 +145,14 @@ class CurrentModel:
 
     def search(self) -> CurrentSearch:
         """A new search. It ends an earlier search in this thread: both use the same memory."""
-        return CurrentSearch(self._state("search"), self.model.coil_count + self.fields_beside_coils)
+        state, fresh = self._beginning("search")
+        return CurrentSearch(state, self.model.coil_count + self.fields_beside_coils, fresh)
 
     def amplitudes(self, currents: Array) -> Array:
         """Amplitudes (r,) of the modes at currents (c,), inside the domain or outside, more exact than in a lookup."""
-        state, amperes = self._state("tight"), np.array(currents, dtype=np.float64)
+        (state, fresh), amperes = self._beginning("tight"), np.array(currents, dtype=np.float64)
         weights = np.empty(len(amperes) + self.fields_beside_coils)
-        if state.solve(amperes, weights, tolerance=_TIGHT, fresh=True) != FOUND:
+        if state.solve(amperes, weights, tolerance=_TIGHT, fresh=fresh) != FOUND:
             raise not_converged(currents, state.left)
         return state.amplitudes
 
@@ -150,11 +160,12 @@ class CurrentModel:
         """Derivatives (s, f, c), 1/A, of the weights of the fields that follow those of the coils, at currents (s, c),
         inside the domain or outside."""
         rows, coils = np.array(currents, dtype=np.float64, order="C"), currents.shape[1]
-        state, weights = self._state("tight"), np.empty(coils + self.fields_beside_coils)
+        weights = np.empty(coils + self.fields_beside_coils)
         slopes = np.empty((len(rows), len(weights), coils))
         for row, out in zip(rows, slopes, strict=True):
+            state, fresh = self._beginning("tight")
             # A solve with slopes finds the state to a hundredth of the tolerance.
-            if state.solve(row, weights, out, tolerance=100.0 * _TIGHT, fresh=True) != FOUND:
+            if state.solve(row, weights, out, tolerance=100.0 * _TIGHT, fresh=fresh) != FOUND:
                 raise not_converged(row, state.left)
         return slopes[:, coils:]
 
@@ -164,19 +175,58 @@ class CurrentModel:
 
     def state_of_caller(self) -> IronState:
         """A new state for the solves of one compiled caller. Raises NotConverged as `compiled` does."""
-        return self._core.state()
+        return self._new_state()
+
+    def stepped(self, currents: Array) -> CurrentModel:
+        """The same iron after a straight way to currents (c,). Raises OutsideMapError for currents beyond the domain
+        unless `outside` is "evaluate", and NotConverged."""
+        if self._outside != "evaluate" and (problem := self._outside_domain(currents)) is not None:
+            raise OutsideMapError(problem)
+        return self.led(currents[None])
+
+    def led(self, way: Array) -> CurrentModel:
+        """The same iron after straight steps to currents (n, c), be they in the domain or not. Raises NotConverged."""
+        state, weights = self._new_state(), np.empty(self.model.coil_count + self.fields_beside_coils)
+        for row in np.array(way, dtype=np.float64, order="C"):
+            if state.step(row, weights, tolerance=_OF_STEPS) != FOUND:
+                raise not_converged(row, state.left)
+        return self.remembering(state.remembered)
+
+    def remembering(self, remembered: Array) -> CurrentModel:
+        """The same iron with another memory, numbers as `remembered`."""
+        other = copy(self)
+        other.remembered, other._own = remembered, threading.local()
+        return other
+
+    @property
+    def last_currents(self) -> Array:
+        """Currents (c,), A, to which the last step went; zero for iron that was never magnetised."""
+        return last_currents(self.remembered, self.model.coil_count)
 
     def _state(self, name: str) -> IronState:
         """The state in which solves of this name begin and end, one for each thread."""
         known = self._own.__dict__
         if name not in known:
-            known[name] = self._core.state()
+            known[name] = self._new_state()
         state: IronState = known[name]
         return state
 
+    def _new_state(self) -> IronState:
+        state = self._core.state()
+        if self.remembered.size:
+            state.recall(self.remembered)
+        return state
+
+    def _beginning(self, name: str) -> tuple[IronState, bool]:
+        """The state of this name as it was before its first solve, and whether a solve has to begin from nothing."""
+        state = self._state(name)
+        if self.model.remembers:
+            state.recall(self.remembered)
+        return state, not self.model.remembers
+
     def _solve(self, currents: Array, weights: Array, slopes: Array | None = None) -> None:
         """Fill weights and slopes at currents (c,). For currents outside the domain follow the rule `outside`."""
-        state, fresh = self._state("lookups"), not self._follow
+        state, fresh = (self._state("lookups"), False) if self._follow else self._beginning("lookups")
         solve = partial(state.solve, currents, weights, slopes)
         checked = self._outside != "evaluate"
         status = solve(tolerance=_OF_LOOKUPS, checked=checked, fresh=fresh)

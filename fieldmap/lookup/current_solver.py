@@ -33,7 +33,7 @@ _TOLERANCE_OF_MIDDLE = 1e-6
 
 def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:
     """The arrays of a model, with an expansion fitted to its solutions: some hundreds of solves, half a
-    second at most.
+    second at most. Without an expansion for iron with hysteresis.
 
     checked: whether currents beyond the domain are refused. Raises NotConverged where Newton's method fails in the
     domain.
@@ -54,7 +54,12 @@ def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:
         np.zeros((1, len(model.constant)), np.float32),
         compiled_domain(model.domain, False),
         _TOLERANCE_OF_MIDDLE,
+        _own(model.pinning),
+        _own(model.shares),
     )
+    if model.remembers:
+        # Solves begin at what the iron remembers.
+        return free._replace(domain=compiled_domain(model.domain, checked), tolerance=COMPILED_TOLERANCE)
     domain, weights = model.domain, np.empty(field_count(free))
     state = CoreIron(core_numbers(free)).state()
     _check(state.solve(domain.middle, weights, tolerance=_TOLERANCE_OF_MIDDLE), domain.middle)

@@ -69,12 +69,16 @@ def tabulate(
 
     evaluator: of the map's fields, on whose box's surface, at the nodes of `grid`, the table is compared with the
     model; wanted: error of the model itself. nodes: of u, x and y, at least four each; unless given, as many as
-    make the table's error small beside `wanted`. Raises InputError for any other map and for fewer nodes.
+    make the table's error small beside `wanted`. Raises InputError for any other map, for iron with hysteresis, and for
+    fewer nodes.
     """
     divided = None if model is None else model.model.parametrisation
     if model is None or not isinstance(divided, LiftAndDirections):
         received = "a map of linear iron" if divided is None else f"currents by {divided.name}"
         must_hold = "a map of saturating iron whose recipe has [currents] lift_and_directions"
+        raise InputError.of("table of currents", must_hold, received, "do without a table")
+    if model.model.remembers:
+        must_hold, received = "iron whose field the present currents tell", "a map of iron with hysteresis"
         raise InputError.of("table of currents", must_hold, received, "do without a table")
     if nodes is not None and (len(nodes) != 3 or min(nodes) < 4):
         must_hold = "must be three numbers of nodes, for u, x and y, each at least 4"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -11,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import checked_vectors, raise_all
+from fieldmap.arguments import check, checked_vectors, raise_all
 from fieldmap.core.caller import caller
 from fieldmap.core.current_table import CoreTable
 from fieldmap.core.iron import IronState
 from fieldmap.currents import CurrentParametrisation
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import Bounds, Field, MagneticLoad, coil_currents, of_any_shape, require_affine
+from fieldmap.histories import HISTORIES, history_of_currents
 from fieldmap.interpolants import INTERPOLANTS, OUTSIDE_RULES, Form, Jump, known_interpolants
 from fieldmap.lookup.actuation import Actuation, Limits, actuation
 from fieldmap.lookup.current_model import OUTSIDE_CURRENTS, CurrentModel
@@ -45,6 +47,18 @@ if TYPE_CHECKING:
     from fieldmap.device.drawing import Outline
 
 
+def _usual_level(model: CurrentModel) -> Array:
+    """Currents (c,), A, about which the histories of the training swung."""
+    return np.asarray(model.model.known_currents[0])
+
+
+def _of_usual_history(model: CurrentModel) -> CurrentModel:
+    """Iron with hysteresis as a map is opened; other iron as it is."""
+    if not model.model.remembers:
+        return model
+    return model.led(history_of_currents(HISTORIES[0], _usual_level(model)))
+
+
 def check_choices(kind: str, outside: str, outside_currents: str) -> None:
     """Raise InputError, all at once, for a kind or an outside rule that does not exist."""
     choices = {
@@ -70,6 +84,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
     derivative of `field`. Superposition is exact for coils with linear iron or none; a map of saturating iron solves
     a small model of the iron once for every change of the currents (docs/theory/current_dependence.md).
     outside_currents is the rule for currents beyond its domain: "raise", "nan", or "evaluate" without a known error.
+    A map of iron with hysteresis has a memory: `memory`, `step`.
     follow_currents, tabulate_currents: begin that solve from the last one, or replace it by a table: see `open_map`.
 
     Points (3,), (n, 3) or of any leading shape (..., 3) in m; currents (n_coils,) for all points or (n, n_coils), in A,
@@ -112,7 +127,9 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         )
         reduced = data.reduced_model
         rules = (outside_currents, follow_currents)
-        self._model = None if reduced is None else CurrentModel(reduced, data.coil_names, *rules)
+        self._model = (
+            None if reduced is None else _of_usual_history(CurrentModel(reduced, data.coil_names, *rules))
+        )
         self._table: CurrentTable | None = None
         if tabulate_currents:
             self._table = tabulate(self._model, self._evaluator, data.grid, data.current_error)
@@ -158,6 +175,126 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         """Whether the field is the sum of its coils' fields and of one that no current changes, if there is any: True
         unless the map has a model of saturating iron."""
         return self._model is None
+
+    @property
+    def remembers(self) -> bool:
+        """Whether the iron has hysteresis, so that the field depends on the way of the currents too: see `memory`."""
+        return self._model is not None and self._model.model.remembers
+
+    def memory(self, history: str = HISTORIES[0], currents: Any = None) -> FieldMap:
+        """This map with iron of a history, from which `step` goes on.
+
+        A map of iron with hysteresis always has a memory. Its field at currents is that after a straight way from the
+        currents of the memory to these; asking for it changes nothing. As it is opened its history is "shaken".
+
+        Parameters
+        ----------
+        history
+            "shaken": all currents have swung about a level, less and less, as a controller's do that catches its
+            magnet; "demagnetised": the iron was never magnetised (fieldmap.histories).
+        currents
+            Level at which the history ends, A: (n_coils,), one number for all coils, or a mapping by name;
+            that of the map's training unless given.
+
+        Returns
+        -------
+        FieldMap
+            A map with the same fields.
+
+        Raises
+        ------
+        InputError
+            For a map of iron without hysteresis, and for a history that is not known.
+        NotConverged
+            Where the model has no solution.
+
+        Examples
+        --------
+        >>> m = open_map("maps/out/remembering.h5")                                   # doctest: +SKIP
+        >>> memory = m.memory("shaken", currents=1.55)                                # doctest: +SKIP
+        >>> memory = memory.step([1.6, 1.5, 1.5, 1.6, 1.5, 1.5])                      # doctest: +SKIP
+        >>> memory.field([0, 0, -0.09], memory.last_currents)                         # doctest: +SKIP
+        """
+        model = self._remembering("memory")
+        level = _usual_level(model) if currents is None else self._amperes(currents)
+        never = model.remembering(np.zeros(0))
+        return self._with(never.led(history_of_currents(history, level)))
+
+    def step(self, currents: Any) -> FieldMap:
+        """This map after its currents went straight to others, which its iron remembers. Currents that turn back must
+        do so between two steps.
+
+        Parameters
+        ----------
+        currents
+            A: (n_coils,), one number for all coils, or a mapping by name.
+
+        Returns
+        -------
+        FieldMap
+            A map with the same fields; this one keeps its memory.
+
+        Raises
+        ------
+        InputError
+            For a map of iron without hysteresis.
+        OutsideMapError
+            For currents beyond the domain, unless the map was opened with outside_currents="evaluate".
+        NotConverged
+            Where the model has no solution.
+        """
+        return self._with(self._remembering("step").stepped(self._amperes(currents)))
+
+    @property
+    def last_currents(self) -> Array:
+        """Currents (n_coils,), A, at which the memory stands: those of the last step, or of the end of its history.
+        Raises InputError for a map of iron without hysteresis."""
+        return self._remembering("last_currents").last_currents
+
+    @property
+    def remembered(self) -> Array:
+        """The memory as numbers (n,), from which `recalled` goes on to the last bit. Raises InputError for a map of
+        iron without hysteresis."""
+        return self._remembering("remembered").remembered.copy()
+
+    def recalled(self, remembered: ArrayLike) -> FieldMap:
+        """This map with a memory that was stored.
+
+        Parameters
+        ----------
+        remembered
+            Numbers (n,) of `remembered`, of this map or of another opened from the same file.
+
+        Returns
+        -------
+        FieldMap
+            A map with the same fields.
+
+        Raises
+        ------
+        InputError
+            For a map of iron without hysteresis, and for numbers of another map.
+        """
+        model, numbers = self._remembering("recalled"), np.array(remembered, dtype=np.float64)
+        wanted, remedy = (
+            model.remembered.shape,
+            "store `remembered` of a map that was opened from the same file",
+        )
+        good = numbers.shape == wanted and bool(np.isfinite(numbers).all())
+        check(good, "recalled(remembered)", f"finite numbers {wanted}", f"numbers {numbers.shape}", remedy)
+        return self._with(model.remembering(numbers))
+
+    def _remembering(self, name: str) -> CurrentModel:
+        if self._model is None or not self.remembers:
+            must_hold = "a map of iron with hysteresis"
+            remedy = 'make one: model = "hysteresis" under [iron], of materials with coercive_field_A_per_m'
+            raise InputError.of(f"FieldMap.{name}", must_hold, "a map without", remedy)
+        return self._model
+
+    def _with(self, model: CurrentModel) -> FieldMap:
+        other = copy(self)
+        other._model, other._last, other._last_weights = model, (b"", None), (b"", np.empty(0))
+        return other
 
     @property
     def fixed_sources(self) -> tuple[str, ...]:

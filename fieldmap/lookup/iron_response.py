@@ -169,6 +169,27 @@ def compiled_currents(field_map: FieldMap) -> CompiledModel:
     return _model(field_map).compiled
 
 
+def remembered_by(field_map: FieldMap) -> Array:
+    """What the iron of a map remembers.
+
+    Parameters
+    ----------
+    field_map
+        Opened map of saturating iron.
+
+    Returns
+    -------
+    Array
+        Numbers for `IronState.recall` of the core; none for iron without hysteresis.
+
+    Raises
+    ------
+    InputError
+        For a map that superposes.
+    """
+    return _model(field_map).remembered
+
+
 def table_of_currents(field_map: FieldMap, nodes: tuple[int, int, int] | None = None) -> CurrentTable:
     """The table of weights of a map of saturating iron whose currents are divided by lift and directions.
 

@@ -21,6 +21,8 @@ from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.maps.forecast import Forecast
 from fieldmap.maps.training.plan import Plan
+from fieldmap.maps.training.remembering import train_on_ways
+from fieldmap.maps.training.solved_ways import SolvedWays, WayLeader
 from fieldmap.maps.training.states import SolvedStates
 from fieldmap.maps.training.training import train
 from fieldmap.parallel import Common, Workers
@@ -173,6 +175,42 @@ def trained_arrays(
         **spent.read(),
     }
     return trained.model.arrays | _faces_to(solver.surface, trained.charge), about
+
+
+def led_arrays(
+    device: Device,
+    domain: CurrentDomain,
+    plan: Plan,
+    refinement: float,
+    reference: Array,
+    grid: Grid,
+    checkpoint: Checkpoint,
+    workers: Workers,
+    say: Progress,
+    forecast: Forecast,
+) -> Kept:
+    """As `trained_arrays`, of iron with hysteresis, along ways of the currents that are not in the checkpoint yet.
+
+    Raises NotConverged where the solver fails.
+    """
+    spent = Stopwatch(workers)
+    common = Common(WayLeader, device, refinement, reference)
+    workers.prepare(common)
+    say("assembling", 0.0)
+    leader = common.use(WayLeader(device, refinement, reference))
+    ways = SolvedWays(checkpoint, common, workers, plan.tolerance, forecast)
+    trained = train_on_ways(leader, domain, plan, box_surface(grid), ways, forecast)
+    spent.add(ways.earlier_seconds, ways.earlier_processor_seconds)
+    about = {
+        "held_out_within": HELD_OUT * plan.accuracy,
+        "parametrisation": trained.model.parametrisation.to_json(),
+        "states_solved": ways.count,
+        "states_failed": {},
+        "largest_weights": trained.largest_weights.tolist(),
+        **trained.about,
+        **spent.read(),
+    }
+    return trained.model.arrays | _faces_to(leader.solver.surface, trained.charge), about
 
 
 def _solver(device: Device, refinement: float, say: Progress | None = None) -> NonlinearSolver:

@@ -91,6 +91,7 @@ Amperes = Annotated[
 
 Refinement = Annotated[float, Field(ge=0.1, le=10)]
 IronLaw = Literal["linear", "saturating"]
+IronLawOfMap = Literal["linear", "saturating", "hysteresis"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -116,6 +117,20 @@ class IronModel(Record):
     def saturating(self) -> bool:
         """Whether the iron follows its B-H law."""
         return self.model == "saturating"
+
+
+@dataclass(frozen=True, repr=False)
+class IronOfMap(IronModel):
+    """How the iron of a map is modelled."""
+
+    model: Annotated[
+        str,
+        Key(
+            IronLawOfMap,
+            "constant permeability, the B-H law of the device's materials, or this law with their coercive fields, so "
+            "that the map remembers earlier currents",
+        ),
+    ] = "linear"
 
 
 def _range(value: Any) -> Any:
@@ -268,7 +283,7 @@ class MapOutput(Record):
 
 
 _CORNERS: Any = table_of(WorkspaceBox, name="CornerKeys")
-_IRON: Any = table_of(IronModel)
+_IRON: Any = table_of(IronOfMap)
 _OUTPUT: Any = table_of(MapOutput)
 _CURRENTS: Any = table_of(CurrentPlan, rules=(_not_empty,))
 
@@ -279,7 +294,8 @@ class Recipe(Record):
 
     What map to make, in SI. device: as written, path or shipped name. spacing (3,) in m, an upper limit. lower, upper
     (3,) in m, or None for the device's workspace. mu_r: None for the initial slope of the device's B-H table.
-    refinement: divides the device's mesh sizes. reference_current: A, or None for the usual one. file_name: of the map.
+    refinement: divides the device's mesh sizes. model: of the iron. reference_current: A, or None for the usual one.
+    file_name: of the map.
     path and text: the file as read. currents: the domain and the training where the iron saturates, None where it is
     linear.
     """
@@ -298,6 +314,7 @@ class Recipe(Record):
     refinement: float
     reference_current: float | None
     file_name: str
+    model: str = "linear"
     currents: CurrentPlan | None = None
 
     @property
@@ -361,11 +378,11 @@ class RecipeFile(_RECIPE):
 
     @model_validator(mode="after")
     def _currents_where_iron_saturates(self) -> "RecipeFile":
-        saturating = self.iron.model == "saturating"
+        saturating = self.iron.model != "linear"
         if saturating and self.currents is None:
             raise broken(
                 "a map of saturating iron must state the currents that it is for",
-                'iron.model = "saturating" without [currents]',
+                f'iron.model = "{self.iron.model}" without [currents]',
                 "add [currents] with lower_A and upper_A",
             )
         if not saturating and self.currents is not None:

@@ -15,8 +15,9 @@ from fieldmap.store.map_data import FieldError, Grid, MapInfo, Provenance
 from fieldmap.store.reduced_model import ReducedModel
 from fieldmap.typing import Array
 
-FORMAT_VERSION, WITH_FIXED_SOURCES = 1, 2
-"""Version of the format, and version of maps with sources that no current drives, which older readers refuse."""
+FORMAT_VERSION, WITH_FIXED_SOURCES, WITH_HYSTERESIS = VERSIONS = 1, 2, 3
+"""Version of the format, and versions that older readers refuse: of maps with sources that no current drives, and of
+maps whose iron remembers."""
 # Most nodes of a chunk: few enough that a killed run loses little, many enough that the solver is efficient.
 NODES_PER_CHUNK = 1000
 MESHES = "/data/0/meshes"
@@ -144,6 +145,8 @@ def read_text(data: h5py.Dataset) -> str:
 
 def format_of(info: MapInfo) -> int:
     """Version of the format that a map is written in."""
+    if info.reduced_model is not None and info.reduced_model.remembers:
+        return WITH_HYSTERESIS
     return WITH_FIXED_SOURCES if info.fixed_sources else FORMAT_VERSION
 
 

@@ -26,13 +26,12 @@ from fieldmap.store.checkpoint import SUFFIX
 from fieldmap.store.map_data import Grid, MapData, MapInfo
 from fieldmap.store.map_format import (
     DIVISION_EXPONENT,
-    FORMAT_VERSION,
     OWN,
     PARAMETRISATION,
     QUANTITIES,
     REDUCED_MODEL,
     UNREADABLE,
-    WITH_FIXED_SOURCES,
+    VERSIONS,
     Quantity,
     format_of,
     info_from,
@@ -231,9 +230,9 @@ def read_header(file: h5py.File) -> tuple[MapInfo, tuple[str, ...]]:
     if not is_hard(file, OWN.strip("/")):
         raise Refused("a map written by fieldmap", "an HDF5 file without the group /fieldmap", REMAKE)
     version = int(hard(file, OWN).attrs["format_version"])
-    if version not in (FORMAT_VERSION, WITH_FIXED_SOURCES):
+    if version not in VERSIONS:
         remedy = "install the version of fieldmap that wrote it, or make the map again"
-        must_hold = f"file format {FORMAT_VERSION} or {WITH_FIXED_SOURCES}"
+        must_hold = f"file format {', '.join(map(str, VERSIONS))}"
         raise Refused(must_hold, f"format {version}", remedy)
     completion = hard(file, f"{OWN}/completion")
     if completion.attrs["complete"] != 1:
@@ -249,7 +248,7 @@ def read_header(file: h5py.File) -> tuple[MapInfo, tuple[str, ...]]:
     model = _read_reduced_model(file) if is_hard(file, REDUCED_MODEL.strip("/")) else None
     info = info_from(header, json.loads(texts["report"]), texts["recipe"], texts["device"], model)
     if version != format_of(info) or version != header["format"]:
-        must_hold = f"file format {format_of(info)}, by whether a field is there that no current drives"
+        must_hold = f"file format {format_of(info)}, by its fields and its iron"
         raise Refused(must_hold, f"format {version}, and {header['format']} in its header", REMAKE)
     records = record_names(info.field_names)
     if header["record_names"] != list(records):

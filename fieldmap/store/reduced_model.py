@@ -33,6 +33,8 @@ class ReducedModel(Record):
     parametrisation : of the currents.
     reference_weights : (k,), of the iron fields at the map's reference currents.
     fixed : (3 p,), field of the background at the sample points, T; empty if there is none.
+    pinning : (l, n), pinning fields of the play cells of each law, T, ascending; empty for iron without hysteresis.
+    shares : (n,), of the cells in the polarisation; their sum is 1.
 
     Raises
     ------
@@ -57,6 +59,8 @@ class ReducedModel(Record):
     parametrisation: CurrentParametrisation
     reference_weights: Array
     fixed: Array = field(default_factory=lambda: np.zeros(0))
+    pinning: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    shares: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         flat = (self.weights, self.constant, self.output)
@@ -80,6 +84,8 @@ class ReducedModel(Record):
             "upper": (self.parametrisation.signal_count,),
             "reference_weights": (k,),
             "fixed": (3 * p,) if np.size(self.fixed) else (0,),
+            "pinning": (laws, len(self.shares)) if np.size(self.pinning) else (0, 0),
+            "shares": (np.shape(self.pinning)[-1],) if np.size(self.pinning) else (0,),
         }
         for name in ARRAYS:
             kind = np.int64 if name in INTEGER else np.float64
@@ -96,6 +102,15 @@ class ReducedModel(Record):
         _check(not others.size, "law", f"numbers of {laws} laws", others.tolist())
         _check(len(self.known_currents), "known_currents", "at least one state", "none")
         _check((self.weights > 0).all(), "weights", "positive", self.weights.min(initial=np.inf))
+        rises = (np.diff(self.pinning, axis=1) >= 0.0).all() and (self.pinning >= 0.0).all()
+        _check(rises, "pinning", "not negative and ascending", self.pinning.tolist())
+        whole = not self.remembers or ((self.shares > 0.0).all() and abs(self.shares.sum() - 1.0) < 1e-9)
+        _check(whole, "shares", "positive, with the sum 1", self.shares.tolist())
+
+    @property
+    def remembers(self) -> bool:
+        """Whether the iron has hysteresis, so that the field depends on earlier currents too."""
+        return bool(self.shares.size)
 
     @property
     def arrays(self) -> dict[str, Array]:
@@ -130,7 +145,7 @@ class ReducedModel(Record):
 
 
 ARRAYS = tuple(one.name for one in fields(ReducedModel) if one.name != "parametrisation")
-OPTIONAL = ("fixed",)
+OPTIONAL = ("fixed", "pinning", "shares")
 """Names of arrays that a file leaves out if they are empty."""
 
 

@@ -21,6 +21,7 @@ from fieldmap.device import Device, read_device
 from fieldmap.device.materials import SaturatingMaterial
 from fieldmap.errors import InputError
 from fieldmap.field import as_field
+from fieldmap.histories import history_of_currents
 from fieldmap.iron import HysteresisSolver, HystereticState, IronMemory, Pinning
 from fieldmap.levitation import GRAVITY, StationaryPoint, equilibrium_at
 from fieldmap.lookup.payload import check_payload
@@ -48,8 +49,6 @@ HISTORIES: dict[str, str] = {
 }
 LARGEST_CURRENT = shared_value("section_3_7.largest_current_A")
 """The amplifier's limit, A."""
-SWINGS = np.array([-1.0, 1.0, -0.7, 0.7, -0.4, 0.4, -0.2, 0.2, -0.07, 0.0])
-"""Of the history "shaken": currents less their level, over the level, from turn to turn."""
 _LIFT_TOLERANCE, _TRIALS = 2e-3, 6
 # d log lift / d log level to begin with: between (7-18) and the level at which the unscaled model lifts.
 _EXPONENT = 0.9
@@ -113,7 +112,7 @@ def prepared(solver: HysteresisSolver, history: History, protocol: Protocol, end
         "restarted": [*rise, *cycle, *evenly(level, 0.0, level)],
         "wiped": [*rise, *cycle, *evenly(level, LARGEST_CURRENT, level)],
         "saturated": [*rise, *evenly(level, LARGEST_CURRENT, level)],
-        "shaken": [np.full(6, (1.0 + swing) * level) for swing in SWINGS],
+        "shaken": list(history_of_currents("shaken", np.full(6, level))),
     }
     memory = solver.demagnetised
     for currents in steps[history]:

@@ -53,7 +53,7 @@ def led(state, way, tolerance=EXACT):
 
 def cells_of(state):
     """Reversible fields (p, k, 3) that the cells remember: the last numbers."""
-    return state.remembered[-3 * POINTS * CELLS :].reshape(POINTS, CELLS, 3)
+    return state.remembered[-4 * POINTS * CELLS :].reshape(POINTS, CELLS, 4)[..., :3]
 
 
 def polarisation(r):
@@ -126,7 +126,7 @@ def test_every_one_of_many_cells_finds_its_place():
     state, weights, cells = CoreIron(core_numbers(model)).state(), np.empty(2), []
     for currents in np.eye(2):
         assert state.step(currents, weights, tolerance=1e-6) == FOUND
-        cells.append(state.remembered[-3 * count * CELLS :].reshape(count, CELLS, 3))
+        cells.append(state.remembered[-4 * count * CELLS :].reshape(count, CELLS, 4)[..., :3])
     kappa, drag = PINNING[0], fields[1][:, None] - cells[1]
     change = polarisation(cells[1]) - polarisation(cells[0])
     away = np.linalg.norm(drag, axis=2)

@@ -84,7 +84,7 @@ MISTAKES = {
     ),
     "unknown model": (
         'spacing_mm = 2\n[iron]\nmodel = "magic"',
-        "iron.model: must be 'linear' or 'saturating'; received \"magic\"",
+        "iron.model: must be 'linear', 'saturating' or 'hysteresis'; received \"magic\"",
     ),
     "negative permeability": ("spacing_mm = 2\n[iron]\nmu_r = -5", 'iron.mu_r: "initial".*received -5'),
     "unknown word": ('spacing_mm = 2\n[iron]\nmu_r = "high"', 'iron.mu_r: "initial".*received "high"'),

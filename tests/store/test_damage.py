@@ -241,8 +241,9 @@ LONG = [200 * "b", "b"]
     ("change", "words"),
     [
         (nan_node, "B_1/x: finite numbers; received NaN"),
-        (version(3), "file format 1 or 2; received format 3"),
-        (version(0), "file format 1 or 2; received format 0"),
+        (version(4), "file format 1, 2, 3; received format 4"),
+        (version(3), "file format 1, .* received format 3, and 1 in its header"),
+        (version(0), "file format 1, 2, 3; received format 0"),
         (version(2), "file format 1, .* received format 2, and 1 in its header"),
         (rewritten("header", format=2), "received format 1, and 2 in its header"),
         (rewritten("header", format=0), "received format 1, and 0 in its header"),

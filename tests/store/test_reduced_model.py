@@ -35,7 +35,10 @@ SHAPES = {
 
 def test_all_arrays_and_their_counts():
     model = make_model()
-    assert {name: values.shape for name, values in model.arrays.items()} == SHAPES
+    assert {name: values.shape for name, values in model.arrays.items()} == SHAPES | {
+        "pinning": (0, 0),
+        "shares": (0,),
+    }
     assert (model.coil_count, model.field_count, model.division_exponent.size) == (2, 5, 0)
     for name, values in model.arrays.items():
         assert values.dtype == (np.int64 if name in ("law", "law_offset") else np.float64)

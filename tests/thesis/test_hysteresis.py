@@ -8,6 +8,7 @@ import pytest
 
 from fieldmap.device import read_device
 from fieldmap.errors import InputError
+from fieldmap.histories import SWINGS
 from fieldmap.iron import HysteresisSolver, Pinning
 from fieldmap.store import Checkpoint
 from fieldmap.thesis import hysteresis
@@ -114,9 +115,9 @@ def test_a_cached_run_belongs_to_its_device_and_settings(unit, monkeypatch):
 
 
 def test_swings_end_at_the_level_and_die_away():
-    assert hysteresis.SWINGS[-1] == 0.0
-    assert np.all(np.abs(hysteresis.SWINGS[2::2]) < np.abs(hysteresis.SWINGS[:-2:2]))
-    assert np.all(hysteresis.SWINGS[:-2] * hysteresis.SWINGS[1:-1] < 0.0)
+    assert SWINGS[-1] == 0.0
+    assert np.all(np.abs(SWINGS[2::2]) < np.abs(SWINGS[:-2:2]))
+    assert np.all(SWINGS[:-2] * SWINGS[1:-1] < 0.0)
 
 
 def test_lift_law_at_other_depths_and_currents(unit):

@@ -7,10 +7,11 @@ therefore those of the potential form.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -24,11 +25,14 @@ from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
 from fieldmap.iron.elements.potential_form import ConvexForm, PotentialForm
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.materials import materials_on, require_soft_bodies
+from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
 from fieldmap.iron.report import report_of
 from fieldmap.iron.solution import PotentialSolution
 from fieldmap.iron.solvers.linear import check_arguments
+from fieldmap.iron.solvers.nonlinear import StateImage
+from fieldmap.iron.solvers.reduced import GalerkinModel, project
 from fieldmap.kernels.iron import hysteresis as law_kernel
 from fieldmap.records import Record
 from fieldmap.threads import over_rows
@@ -306,10 +310,96 @@ class HysteresisSolver:
         nothing, coils = np.zeros(self._form.elements.count), np.zeros(len(self.device.coils))
         return IronMemory(material, nothing, coils, nothing, coils)
 
+    images: ClassVar[tuple[StateImage, ...]] = ()
+    """A way has no image that is known without a solve."""
+
+    @property
+    def surface(self) -> ChargedFaces:
+        """The charged faces, whose densities are those of the states and of the modes of `project`."""
+        return self._form.iron.surface
+
     @property
     def surface_faces(self) -> int:
         """Number of charged faces."""
-        return len(self._form.iron.surface.areas)
+        return len(self.surface.areas)
+
+    def charge_density(self, potential: Array) -> Array:
+        """Charge per area of `surface`.
+
+        Parameters
+        ----------
+        potential
+            Nodal potentials (n, k).
+
+        Returns
+        -------
+        Array
+            (k, s), T.
+        """
+        return self._form.charge_density(potential)
+
+    def energy_operator(self, memory: IronMemory) -> Callable[[Array], Array]:
+        """The tangent at a state with its cells as they are, iron and air.
+
+        Parameters
+        ----------
+        memory
+            The state.
+
+        Returns
+        -------
+        Callable[[Array], Array]
+            A function of nodal potentials (n, k): symmetric and positive.
+        """
+        tangent = self._form.tangent(
+            memory.potential, self._unit.combined(memory.currents[None]), memory.material
+        )
+        return lambda values: tangent @ values + self._form.exterior.apply(values)
+
+    def project(self, basis: Array) -> GalerkinModel:
+        """The iron on a basis of nodal potentials, with its play cells.
+
+        Parameters
+        ----------
+        basis
+            Potentials (n, r), such as combinations of `HystereticState.memory.potential`.
+
+        Returns
+        -------
+        GalerkinModel
+            The reduced model.
+        """
+        material, air = self.demagnetised.material, self._form.exterior.apply(basis)
+        model = project(self._form, material, self._unit, None, basis, air)
+        return replace(model, pinning=material.pinning, shares=material.weights)
+
+    def magnetised(
+        self, memory: IronMemory, currents: Array, potentials: Array
+    ) -> Iterator[tuple[Array, Array]]:
+        """What the iron did on a way that is solved already.
+
+        Parameters
+        ----------
+        memory
+            Of the state where the way begins.
+        currents
+            (s, c), A, at the ends of the steps.
+        potentials
+            (s, n), nodal potentials there.
+
+        Yields
+        ------
+        tuple of Array
+            At the end of each step the polarisation (p, 3), T, at the points of `project`, without the remanence of
+            magnets, and its derivative (p, 6) by mu0 H with the memory of its beginning: xx, xy, xz, yy, yz, zz.
+        """
+        material, elements = memory.material, self._form.elements
+        for amperes, potential in zip(currents, potentials, strict=True):
+            field = self._unit.combined(amperes[None])
+            h = elements.strength_at_points(potential[:, None], field, material)[0]
+            polarisation = material.polarisation(h, 0) - material.remanence[0][:, None]
+            yield polarisation.reshape(-1, 3), material.susceptibility(h).reshape(-1, 6)
+            material = material.after(h)
 
     def step(
         self,

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, qr, solve_triangular
 
-from fieldmap.core.iron import CoreIron
-from fieldmap.core.iron_numbers import numbers_in_fields
+from fieldmap.core.iron import FOUND, CoreIron
+from fieldmap.core.iron_numbers import numbers_in_fields, numbers_of_cells
+from fieldmap.errors import NotConverged
 from fieldmap.iron.elements.bh_law import LawTables
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm
@@ -38,7 +39,7 @@ class GalerkinModel(Record):
     gradients (3 p, r) and source (3 p, c): gradients of the modes and the coils' field per ampere at the points, in
     T; weights (p,) in m^3; law (p,) and tables: the material there; air (r, r) and constant (r,): A and r0 of the
     equation (docs/theory/current_dependence.md, (2)); fixed (3 p,): field of the background at the points, T, None
-    without one.
+    without one. pinning (l, k), T, and shares (k,): of the play cells of each law, None for iron without hysteresis.
     """
 
     gradients: Array
@@ -49,6 +50,8 @@ class GalerkinModel(Record):
     air: Array
     constant: Array
     fixed: Array | None = None
+    pinning: Array | None = None
+    shares: Array | None = None
 
     def applied(self, currents: Array) -> Array:
         """Field (3 p,) of coils and background at the points at currents (c,), T."""
@@ -166,13 +169,31 @@ class GalerkinModel(Record):
         fields (r, m): of the modes, at m numbers of interest. To first order: the error is K^-1 R, with the tangent K
         of the state.
         """
-        factor = self._few.tangent_factor(currents, amplitude)
-        inverse = solve_triangular(factor, np.eye(len(factor)), lower=True)
-        # K = L L^T: R . K^-1 R = |L^-1 R|^2, and a . K a = |L^T a|^2.
-        caused = inverse.T @ (inverse @ fields) / (np.linalg.norm(amplitude @ fields) or 1.0)
-        stored = inverse.T * (energy / (np.linalg.norm(factor.T @ amplitude) or 1.0))
-        # The same lengths in as few coordinates as there are modes.
-        return same_lengths(np.concatenate([caused, stored], axis=1))
+        return error_coordinates(self._few.tangent_factor(currents, amplitude), amplitude, fields, energy)
+
+    def led(self, currents: Array, tolerance: float = 1e-6) -> Array:
+        """Amplitudes (s, r) of iron with hysteresis that was never magnetised, at currents (s, c), one straight step
+        after the other. Raises NotConverged."""
+        state, amplitudes = self._core_with_coils.state(), np.empty((len(currents), self.modes))
+        weights = np.empty(self.source.shape[1] + (self.fixed is not None))
+        for row, out in zip(np.array(currents, dtype=np.float64, order="C"), amplitudes, strict=True):
+            if state.step(row, weights, tolerance=tolerance) != FOUND:
+                received = f"a relative step of {state.left:.1e} at {row.tolist()} A"
+                must_hold, remedy = "Newton's method must end", "take more modes and points"
+                raise NotConverged.of("reduced model of iron with hysteresis", must_hold, received, remedy)
+            out[:] = state.amplitudes
+        return amplitudes
+
+    @cached_property
+    def _core_with_coils(self) -> CoreIron:
+        laws = self.weights, self.law, self.tables.arrays
+        fixed = np.zeros(0) if self.fixed is None else self.fixed
+        assert self.pinning is not None
+        assert self.shares is not None
+        numbers = numbers_of_cells(
+            self.source, fixed, self.gradients, *laws, self.air, self.constant, self.pinning, self.shares
+        )
+        return CoreIron(numbers)
 
     def moments(self, currents: Array, amplitude: Array) -> Array:
         """mu0 times the magnetic moment (p, 3) that every point stands for, T m^3."""
@@ -204,6 +225,16 @@ class GalerkinModel(Record):
             if getattr(self, name) is not None
         }
         return replace(self, weights=weights, law=self.law[points], **at_points)
+
+
+def error_coordinates(factor: Array, amplitude: Array, fields: Array, energy: float) -> Array:
+    """As `GalerkinModel.error_coordinates`, with the Cholesky factor (r, r), lower, of the tangent."""
+    inverse = solve_triangular(factor, np.eye(len(factor)), lower=True)
+    # K = L L^T: R . K^-1 R = |L^-1 R|^2, and a . K a = |L^T a|^2.
+    caused = inverse.T @ (inverse @ fields) / (np.linalg.norm(amplitude @ fields) or 1.0)
+    stored = inverse.T * (energy / (np.linalg.norm(factor.T @ amplitude) or 1.0))
+    # The same lengths in as few coordinates as there are modes.
+    return same_lengths(np.concatenate([caused, stored], axis=1))
 
 
 def same_lengths(rows: Array) -> Array:

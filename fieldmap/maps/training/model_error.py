@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from fieldmap.iron import NonlinearSolver
+from fieldmap.iron import HysteresisSolver, NonlinearSolver
 from fieldmap.maps.training.states import Snapshots
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_density_and_gradient
@@ -65,7 +65,7 @@ class Trial:
         (c,), largest currents of the coils, A.
     """
 
-    def __init__(self, solver: NonlinearSolver, points: Array, largest: Array) -> None:
+    def __init__(self, solver: NonlinearSolver | HysteresisSolver, points: Array, largest: Array) -> None:
         self._solver, self._points = solver, points
         bare = [unit_flux_density_and_gradient(coil, points) for coil in solver.device.coils]
         self._bare = [np.array([pair[j] for pair in bare]) for j in range(2)]

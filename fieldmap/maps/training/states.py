@@ -6,7 +6,7 @@ from time import monotonic
 
 import numpy as np
 
-from fieldmap.iron import NonlinearSolver
+from fieldmap.iron import HysteresisSolver, NonlinearSolver
 from fieldmap.iron.solvers.nonlinear import StateImage
 from fieldmap.maps.training.currents import is_among
 from fieldmap.parallel import Common, Outcome, WorkerDied, Workers
@@ -56,7 +56,9 @@ class Snapshots:
     """
 
     def __init__(
-        self, solver: NonlinearSolver, admits: Callable[[Array], bool] = lambda currents: False
+        self,
+        solver: NonlinearSolver | HysteresisSolver,
+        admits: Callable[[Array], bool] = lambda currents: False,
     ) -> None:
         self._solver, self._admits = solver, admits
         self._currents: list[Array] = []

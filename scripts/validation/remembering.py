@@ -1,0 +1,135 @@
+"""The map that remembers, against the full solver with hysteresis along ways and in small loops that no training saw."""
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+import fieldmap as fm
+from fieldmap.currents import CurrentDomain, LiftAndDirections
+from fieldmap.histories import history_of_currents
+from fieldmap.iron import HysteresisSolver, IronMemory
+from fieldmap.lookup import FieldMap
+from fieldmap.maps import read_recipe
+from fieldmap.maps.fields import box_surface
+from fieldmap.maps.training.ways import random_way
+from validation.row import Array, Row
+
+RECIPE = "remembering"
+WAYS, FIRST_WAY = 10, 100_000
+"""Random ways, and the number of the first, far beyond those of any training."""
+FLUX_DENSITY, GRADIENT, SLOPE = 5e-3, 8e-3, 0.03
+"""Allowed errors: of B and gradient as shares of the largest of the state, and of the slope of small loops."""
+WIDTHS = (0.005, 0.02, 0.1)
+MANY, STEP_SECONDS = 1000, 0.5e-3
+# The place at which the magnet of the thesis rests: 10 mm below the pole disk.
+_PLACE = np.array([0.0, 0.0, -0.087])
+
+
+def remembering_map() -> Iterator[Row]:
+    """Ten ways of 30 steps, small loops of each signal, a thousand ways of the model alone, and the time of a step."""
+    recipe, path = read_recipe(RECIPE), fm.generate(RECIPE)
+    opened = fm.open_map(path)
+    reduced = opened.info.reduced_model
+    assert reduced is not None
+    domain, level = reduced.domain, reduced.known_currents[0]
+    solver = HysteresisSolver(fm.read_device(recipe.device), None, recipe.refinement)
+    report = opened.info.provenance.solver_report
+    found = f"{report['modes']} modes, {report['sample_points']} points, {report['states_solved']} states solved"
+    cost = (solver.surface_faces, 0, report["generation_seconds"], report["generation_processor_seconds"])
+    errors = np.array(list(_along_ways(opened, solver, domain, level)))
+    stated = opened.current_error
+    assert stated is not None
+    case = f"{recipe.device} with memory"
+    for k, (what, bound) in enumerate((("B", FLUX_DENSITY), ("gradient", GRADIENT))):
+        share = float(errors[:, k].max())
+        yield Row(case, f"error of {what}, {WAYS} ways of 30 steps", share, bound, "full solver", *cost, found)
+        own = float(errors[:, 2 + k].max() / (stated.flux_density, stated.gradient)[k])
+        yield Row(case, f"true by stated error of {what}", own, 1.05, "full solver", *cost, found)
+    for name, value in _small_loops(opened, solver, level):
+        yield Row(case, f"slope of the pull, {name}", value, SLOPE, "full solver", *cost, found)
+    failed, seconds = _many_ways(opened, domain, level)
+    yield Row(case, f"failures in {MANY} ways of 30 steps", failed, 0.5, "none allowed", *cost, found)
+    yield Row(case, "seconds of a step along a way", seconds, STEP_SECONDS, "one thread", *cost, found)
+
+
+def led(solver: HysteresisSolver, way: Array, memory: IronMemory | None = None) -> IronMemory:
+    """The iron after steps to currents (n, c)."""
+    memory = memory or solver.demagnetised
+    for currents in way:
+        memory = solver.step(currents, memory).memory
+    return memory
+
+
+def _along_ways(
+    opened: FieldMap, solver: HysteresisSolver, domain: CurrentDomain, level: Array
+) -> Iterator[tuple[float, ...]]:
+    """At each step errors of B and gradient as shares of the largest of the state, and in T and T/m."""
+    points = box_surface(opened.info.grid)
+    # A point on an edge of the box may lie outside it by rounding.
+    points = np.clip(points, opened.lower, opened.upper)
+    begin = {"shaken": led(solver, history_of_currents("shaken", level)), "demagnetised": solver.demagnetised}
+    for number in range(FIRST_WAY, FIRST_WAY + WAYS):
+        way = random_way(domain, level, number)
+        memory, ours = begin[way.history], opened.memory(way.history)
+        for currents in way.currents:
+            state = solver.step(currents, memory)
+            memory, ours = state.memory, ours.step(currents)
+            pairs = zip(ours.field_and_gradient(points, currents), _fields(state, points), strict=True)
+            off = [(_largest(one - other), _largest(other)) for one, other in pairs]
+            yield (*(a / b for a, b in off), *(a for a, _ in off))
+
+
+def _fields(state: object, points: Array) -> tuple[Array, Array]:
+    return state.field(points), state.gradient(points)  # type: ignore[attr-defined]
+
+
+def _largest(values: Array) -> float:
+    return float(np.linalg.norm(values.reshape(len(values), -1), axis=1).max())
+
+
+def _small_loops(opened: FieldMap, solver: HysteresisSolver, level: Array) -> Iterator[tuple[str, float]]:
+    """Relative errors of the slopes of the pull on a magnet at its place, by each signal, in the second of two loops of
+    each width."""
+    divided = opened.parametrisation
+    assert isinstance(divided, LiftAndDirections)
+    start, rest = led(solver, history_of_currents("shaken", level)), divided.nearest(level).values
+    for axis, (name, scale) in enumerate((("u", float(rest[0])), ("x", 1.0), ("y", 1.0))):
+        for width in WIDTHS:
+            signals = np.tile(rest, (8, 1))
+            signals[:, axis] += scale * width * np.array([0.5, 1.0, 0.0, -1.0, 0.0, 1.0, 0.0, -1.0])
+            way = divided.currents(signals)
+            memory, ours, pulls = start, opened.memory("shaken"), []
+            for currents in way:
+                state = solver.step(currents, memory)
+                memory, ours = state.memory, ours.step(currents)
+                # A magnet that stands upright is pulled by the gradient of Bz.
+                theirs = state.gradient(_PLACE)[2]
+                pulls.append((ours.gradient(_PLACE, currents)[2], theirs))
+            pair = np.array(pulls)
+            one, other = (pair[5] - pair[7])[:, (axis + 2) % 3]
+            yield f"loops of {width:g} of {name}", float(abs(one / other - 1.0))
+
+
+def _many_ways(opened: FieldMap, domain: CurrentDomain, level: Array) -> tuple[int, float]:
+    """How many ways fail, and processor seconds of a step along the smooth part of a way."""
+    failed = 0
+    for number in range(2 * FIRST_WAY, 2 * FIRST_WAY + MANY):
+        way = random_way(domain, level, number)
+        try:
+            model = opened.memory(way.history)._model
+            assert model is not None
+            model.led(way.currents)
+        except fm.errors.NotConverged:
+            failed += 1
+    model = opened._model
+    assert model is not None
+    turns = 2.0 * np.pi * np.arange(1, 2001) / 400
+    of = domain.parametrisation
+    rest = of.nearest(level).values
+    signals = np.tile(rest, (len(turns), 1))
+    signals[:, 1], signals[:, 2] = 0.1 * np.sin(turns), 0.1 * np.sin(0.7 * turns)
+    way_currents = of.currents(signals)
+    begin = time.process_time()
+    model.led(way_currents)
+    return failed, (time.process_time() - begin) / len(turns)

@@ -1,0 +1,279 @@
+"""Maps of iron with hysteresis: their model against the full solver along ways that no training saw; their memory."""
+
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+import fieldmap as fm
+from fieldmap.core.machine import CoreMachine
+from fieldmap.currents import CurrentDomain, IndependentCurrents
+from fieldmap.dynamics.field_of_currents import modelled, tabled
+from fieldmap.errors import InputError, OutsideMapError, RecipeError
+from fieldmap.histories import history_of_currents
+from fieldmap.iron import HysteresisSolver
+from fieldmap.maps.training import remembering, solved_ways, ways
+from fieldmap.store import check_map, read_info
+from tests.core.test_machine import body_numbers
+from tests.maps.conftest import DEVICES
+
+COERCIVE, LEVEL, REFINEMENT, STEPS = 600.0, 0.4, 0.4, 6
+DOMAIN = CurrentDomain(IndependentCurrents(2), np.array([-1.0, -0.5]), np.array([1.0, 1.0]))
+CURRENTS = {
+    "lower_A": [-1.0, -0.5],
+    "upper_A": 1.0,
+    "accuracy": 5e-3,
+    "modes": 30,
+    "points": 200,
+    "held_out": 6,
+    "states": 90,
+}
+POINTS = np.array([[0.0, 0.0, -0.01], [5e-3, -3e-3, -0.012], [-6e-3, 4e-3, -8e-3]])
+
+
+@pytest.fixture(scope="module")
+def device():
+    cores = fm.read_device(DEVICES / "two_cores.toml")
+    steel = replace(cores.materials["steel"], coercive_field=COERCIVE)
+    return cores.replace(materials={"steel": steel})
+
+
+@pytest.fixture(scope="module")
+def made(device, tmp_path_factory):
+    """A map, made in two runs: the first was stopped in the third batch of its ways."""
+    path = tmp_path_factory.mktemp("remembering") / "cores.h5"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ways, "STEPS", STEPS)
+        patch.setattr(remembering, "STEPS", STEPS)
+        left = [5]
+
+        def stopping(leader, item):
+            left[0] -= 1
+            if not left[0]:
+                raise KeyboardInterrupt
+            return leader.lead(*item)
+
+        patch.setattr(solved_ways, "_led", stopping)
+        with pytest.raises(KeyboardInterrupt):
+            generated(device, path)
+        led = []
+        patch.setattr(solved_ways, "_led", lambda leader, item: led.append(item[0]) or leader.lead(*item))
+        generated(device, path)
+    return path, led
+
+
+def generated(device, path):
+    fm.generate(
+        device,
+        path,
+        progress=False,
+        spacing=2.5e-3,
+        currents=CURRENTS,
+        iron={"model": "hysteresis", "refinement": REFINEMENT},
+        reference_current=LEVEL,
+    )
+
+
+@pytest.fixture(scope="module")
+def opened(made):
+    return fm.open_map(made[0])
+
+
+@pytest.fixture(scope="module")
+def truth(device):
+    """Flux density (s, 3, 3) and gradient (s, 3, 3, 3) at the points, by the full solver, along a way of one
+    history."""
+    solver = HysteresisSolver(device, None, REFINEMENT)
+
+    def led(way):
+        memory, found = solver.demagnetised, []
+        for currents in [*history_of_currents(way.history, np.full(2, LEVEL)), *way.currents]:
+            state = solver.step(currents, memory)
+            memory = state.memory
+            found.append((state.field(POINTS), state.gradient(POINTS)))
+        return tuple(np.array(part) for part in zip(*found[-len(way.currents) :], strict=True))
+
+    return led
+
+
+def test_a_stopped_run_solves_only_what_is_missing(made, opened):
+    led = made[1]
+    report = opened.info.provenance.solver_report
+    assert 0 < sum(len(way.currents) for way in led) < report["states_solved"]
+    planned = ways.planned_ways(DOMAIN, np.full(2, LEVEL))
+    assert all(way.currents.shape != planned[0].currents.shape for way in led)
+    assert report["states_solved"] == report["states_trained_on"] + STEPS
+
+
+@pytest.mark.parametrize("number", [1001, 1003])
+def test_along_ways_that_no_training_saw_the_model_is_the_solver(opened, truth, number):
+    way = ways.random_way(DOMAIN, np.full(2, LEVEL), number)
+    flux, slope = truth(way)
+    memory = opened.memory(way.history)
+    error, bound = opened.current_error, opened.error_bound
+    for k, currents in enumerate(way.currents):
+        memory = memory.step(currents)
+        b, g = memory.field_and_gradient(POINTS, currents)
+        assert np.linalg.norm(b - flux[k], axis=1).max() < 1.5 * error.flux_density + bound.flux_density
+        assert np.linalg.norm(g - slope[k], axis=(1, 2)).max() < 1.5 * error.gradient + bound.gradient
+    # The error is small beside what the memory makes: the same currents, each straight from the level.
+    straight = np.array([opened.field(POINTS, currents) for currents in way.currents])
+    assert np.linalg.norm(straight - flux, axis=2).max() > 5.0 * error.flux_density
+
+
+def test_ways_begin_where_they_say_and_stay_in_the_domain():
+    level = np.full(2, LEVEL)
+    first, *cycles = ways.planned_ways(DOMAIN, level)
+    assert first.history == "demagnetised"
+    np.testing.assert_array_equal(first.currents, history_of_currents("shaken", level))
+    for k, way in enumerate(cycles):
+        assert way.history == "shaken"
+        np.testing.assert_array_equal(way.currents[:, 1 - k], LEVEL)
+        moved = way.currents[:, k] - LEVEL
+        # To the nearer end: 0.6 A on both coils.
+        np.testing.assert_allclose([moved[:8].max(), moved[8:16].max(), moved[16:].max()], [0.03, 0.15, 0.6])
+        np.testing.assert_allclose(moved.reshape(3, 8).sum(axis=1), 0.0, atol=1e-12)
+    random = [ways.random_way(DOMAIN, level, number) for number in range(8)]
+    assert [way.history for way in random].count("demagnetised") == 2
+    assert all(DOMAIN.holds(currents) for way in random for currents in way.currents)
+    np.testing.assert_array_equal(random[5].currents, ways.random_way(DOMAIN, level, 5).currents)
+    assert len(random[0].currents) == ways.STEPS == 30
+    steps = np.concatenate([np.abs(np.diff(way.currents[:, 0])) for way in random])
+    assert np.quantile(steps, 0.1) < 0.02
+    assert np.quantile(steps, 0.9) > 0.4
+
+
+@pytest.mark.parametrize(("history", "turns"), [("shaken", 10), ("demagnetised", 0)])
+def test_histories(history, turns):
+    way = history_of_currents(history, np.array([0.5, 2.0]))
+    assert way.shape == (turns, 2)
+    if turns:
+        np.testing.assert_allclose(way[:3], [[0.0, 0.0], [1.0, 4.0], [0.15, 0.6]])
+        np.testing.assert_array_equal(way[-1], [0.5, 2.0])
+    with pytest.raises(InputError):
+        history_of_currents("shakn", np.ones(1))
+
+
+def test_a_map_is_opened_shaken_about_the_level_of_its_training(opened, made):
+    assert opened.remembers
+    np.testing.assert_array_equal(opened.last_currents, [LEVEL, LEVEL])
+    np.testing.assert_array_equal(opened.remembered, opened.memory().remembered)
+    led = opened.memory("demagnetised")
+    np.testing.assert_array_equal(led.last_currents, [0.0, 0.0])
+    free = fm.open_map(made[0], outside_currents="evaluate").memory("demagnetised")
+    for currents in history_of_currents("shaken", np.full(2, LEVEL)):
+        free = free.step(currents)
+    np.testing.assert_array_equal(free.remembered, opened.remembered)
+    np.testing.assert_array_equal(
+        opened.memory("shaken", {"left": 0.2, "right": 0.3}).last_currents, [0.2, 0.3]
+    )
+
+
+def test_asking_changes_nothing_and_steps_leave_the_map_they_began_at(opened):
+    before, there = opened.remembered, np.array([0.9, -0.3])
+    asked = opened.field(POINTS, there)
+    stepped = opened.step(there)
+    np.testing.assert_array_equal(opened.remembered, before)
+    np.testing.assert_array_equal(opened.field(POINTS, there), asked)
+    # A straight way is the same, asked for or gone.
+    np.testing.assert_allclose(stepped.field(POINTS, there), asked, atol=1e-5 * np.abs(asked).max())
+    back = stepped.field(POINTS, opened.last_currents) - opened.field(POINTS, opened.last_currents)
+    assert np.abs(back).max() > 0.01 * np.abs(asked).max()
+
+
+def test_a_memory_goes_on_from_its_numbers_to_the_last_bit(opened, made):
+    way = ways.random_way(DOMAIN, np.full(2, LEVEL), 1002).currents
+    memory = opened
+    for currents in way[:10]:
+        memory = memory.step(currents)
+    other = fm.open_map(made[0]).recalled(memory.remembered.tolist())
+    for currents in way[10:]:
+        memory, other = memory.step(currents), other.step(currents)
+        np.testing.assert_array_equal(other.field(POINTS, currents), memory.field(POINTS, currents))
+    np.testing.assert_array_equal(other.remembered, memory.remembered)
+    for wrong in (memory.remembered[1:], np.full(memory.remembered.shape, np.nan)):
+        with pytest.raises(InputError):
+            opened.recalled(wrong)
+
+
+def test_derivatives_by_the_currents_are_those_with_the_memory_as_it_is(opened):
+    memory, at = opened.step([0.8, 0.6]), np.array([0.7, 0.65])
+    flux, _, by_current, _ = memory.by_currents(POINTS, at)
+    direction, left = np.array([-0.6, 0.8]), []
+    for t in (0.02, 0.01, 0.005):
+        left.append(
+            np.abs(memory.field(POINTS, at + t * direction) - flux - t * direction @ by_current).max()
+        )
+    assert np.all(np.log2(np.array(left[:-1]) / left[1:]) > 1.7)
+
+
+def test_a_simulation_leads_the_iron_and_a_search_does_not(opened):
+    of, way = modelled(opened), np.array([[0.9, 0.4], [0.2, 0.4], [0.4, 0.4]])
+    none = (np.zeros(3), np.zeros((2, 4)), np.zeros((2, 7)))
+    led = CoreMachine(of.plant(body_numbers(), *none))
+    tried = CoreMachine(of.plant(body_numbers(), *none, tolerance=1e-6))
+    memory = opened
+    for currents in way:
+        memory = memory.step(currents)
+        assert led.follow(currents)
+        assert tried.follow(currents)
+    expected = memory._model.weights(way[-1])
+    untouched = opened._model.weights(way[-1])
+    size = np.abs(expected).max()
+    np.testing.assert_allclose(led.weights, expected, atol=4e-3 * size)
+    np.testing.assert_allclose(tried.weights, untouched, atol=1e-5 * size)
+    assert np.abs(expected - untouched).max() > 0.02 * size
+    assert "hysteresis" in " ".join(of.assumptions)
+
+
+def test_currents_beyond_the_domain(opened, made):
+    beyond = [1.2, 0.0]
+    for ask in (opened.step, lambda i: opened.field(POINTS, i)):
+        with pytest.raises(OutsideMapError):
+            ask(beyond)
+    assert opened.step([1.0, 1.0]).last_currents.tolist() == [1.0, 1.0]
+    free = fm.open_map(made[0], outside_currents="evaluate")
+    assert free.step(beyond).last_currents.tolist() == beyond
+
+
+def test_its_file_is_one_that_older_readers_refuse(made):
+    with h5py.File(made[0]) as file:
+        assert file["/fieldmap"].attrs["format_version"] == 3
+        pinning = file["/fieldmap/reduced_model/pinning"][()]
+        shares = file["/fieldmap/reduced_model/shares"][()]
+    mu0 = 4e-7 * np.pi
+    of_steel = mu0 * COERCIVE * np.array([0.0, 0.4, 0.8, 1.2, 1.6, 2.0])
+    np.testing.assert_allclose(pinning, np.tile(of_steel, (3, 1)), rtol=1e-9)
+    np.testing.assert_allclose(shares, [0.1, 0.2, 0.2, 0.2, 0.2, 0.1])
+    assert check_map(made[0]).info.reduced_model.remembers
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("pinning", lambda values: values[:, ::-1]),
+        ("pinning", lambda values: values - 1e-3),
+        ("shares", lambda values: 2.0 * values),
+        ("shares", lambda values: values[:-1]),
+    ],
+)
+def test_cells_that_make_no_sense_are_refused(made, name, change):
+    model = read_info(made[0]).reduced_model
+    with pytest.raises(InputError):
+        replace(model, **{name: change(getattr(model, name))})
+
+
+def test_what_needs_no_memory_or_cannot_have_one_is_refused(device, opened, rig_map, tmp_path):
+    plain = fm.open_map(rig_map)
+    assert not plain.remembers
+    for ask in (plain.memory, lambda: plain.step(0.0), lambda: plain.remembered, lambda: plain.last_currents):
+        with pytest.raises(InputError):
+            ask()
+    with pytest.raises(InputError):
+        tabled(opened)
+    soft = device.replace(materials={"steel": replace(device.materials["steel"], coercive_field=0.0)})
+    with pytest.raises(RecipeError) as caught:
+        generated(soft, tmp_path / "none.h5")
+    assert [problem.where.rpartition(": ")[2] for problem in caught.value.problems] == ["iron.model"]
+    assert not list(tmp_path.iterdir())
