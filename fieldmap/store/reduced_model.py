@@ -96,8 +96,8 @@ class ReducedModel(Record):
             values.flags.writeable = False
             object.__setattr__(self, name, values)
         offset = self.law_offset
-        rises = knots and np.array_equal(offset, np.unique([0, *offset.clip(0, knots), knots]))
-        _check(rises, "law_offset", "rising from 0 to the number of knots", offset.tolist())
+        laid = knots and np.array_equal(offset, np.unique([0, *offset.clip(0, knots), knots]))
+        _check(laid, "law_offset", "rising from 0 to the number of knots", offset.tolist())
         others = np.setdiff1d(self.law, range(laws))
         _check(not others.size, "law", f"numbers of {laws} laws", others.tolist())
         _check(len(self.known_currents), "known_currents", "at least one state", "none")
