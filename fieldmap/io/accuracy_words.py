@@ -18,8 +18,9 @@ _KINDS = {"searched for": "found by a search", TRAINED_ON: "of the training"}
 def reference_words(summary: MapSummary) -> str:
     """The reference currents of a map in words."""
     currents = summary.info.reference_current
-    if len(set(currents.tolist())) == 1:
-        return f"{currents[0]:.4g} A in every coil"
+    first, *others = set(currents.tolist())
+    if not others:
+        return f"{first:.4g} A in every coil"
     return ", ".join(f"{i:.4g}" for i in currents) + " A"
 
 
@@ -81,7 +82,7 @@ def _current_model(summary: MapSummary) -> str:
             for one in of.tried
         )
         # Maps of earlier versions were not tried on the states that they were trained on.
-        outside = "" if any(one.kind == TRAINED_ON for one in of.tried) else " outside of the training"
+        outside = "" if TRAINED_ON in {one.kind for one in of.tried} else " outside of the training"
         text = (
             f"largest error {_shares(of.current_model)}, relative to the largest of the state{in_units}, at test "
             f"states{outside}: {tried}"

@@ -137,7 +137,8 @@ class LeastPower(Record):
             by_name=dict(zip(self.source.coil_names, self.currents.tolist(), strict=True)),
             sum_of_squares=self.sum_of_squares,
         )
-        return about | self.given.to_dicts()[0]
+        (given,) = self.given.to_dicts()
+        return about | given
 
 
 def least_power(

@@ -16,12 +16,12 @@ from fieldmap.field import AnyField, Bounds, Currents, Field, as_field, coil_cur
 from fieldmap.records import Record
 from fieldmap.shipped import is_file
 from fieldmap.store import map_path
+from fieldmap.store.field_mesh import is_hdf5
 from fieldmap.typing import Array, PathLike, Progress
 
 if TYPE_CHECKING:
     from fieldmap.iron import LinearSolution, NonlinearSolver
 
-_HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _MAP_SUFFIXES = {".h5", ".hdf5"}
 
 
@@ -243,17 +243,22 @@ def solve_device(
     from fieldmap import iron
 
     if options.nonlinear:
-        # The solver ends a pass when it has assembled, but the first state is still to come.
-        def tell(message: str, fraction: float) -> None:
-            if progress is not None and message != "assembled":
-                progress(message, fraction)
-
-        return iron.NonlinearSolver(device, options.refinement, None if progress is None else tell)
+        return iron.NonlinearSolver(device, options.refinement, progress and _until_assembled(progress))
     if options.tolerance is not None:
         return iron.solve_to_tolerance(device, options.tolerance, mu_r=options.mu_r, progress=progress)
     return iron.solve_linear(
         device, mu_r=options.mu_r, progress=progress, refinement=options.refinement, form=options.form
     )
+
+
+def _until_assembled(progress: Progress) -> Progress:
+    """Without the end of a pass that the solver states when it has assembled: the first state is still to come."""
+
+    def tell(message: str, fraction: float) -> None:
+        if message != "assembled":
+            progress(message, fraction)
+
+    return tell
 
 
 def _map_source(path: Path) -> FieldSource:
@@ -312,12 +317,7 @@ def is_map_file(name: PathLike) -> bool:
     """
     refuse_directory(name)
     path = map_path(name)
-    if path.suffix.lower() in _MAP_SUFFIXES:
-        return True
-    if not is_file(path):
-        return False
-    with path.open("rb") as stream:
-        return stream.read(len(_HDF5_SIGNATURE)) == _HDF5_SIGNATURE
+    return path.suffix.lower() in _MAP_SUFFIXES or (is_file(path) and is_hdf5(path))
 
 
 def existing_map(name: PathLike) -> Path:

@@ -298,11 +298,10 @@ def middle_field(opened: FieldMap) -> MiddleField:
     with suppress(OutsideMapError):
         if getattr(opened, "fixed_sources", ()):
             off = float(opened.constant_field(centre)[2]), float(opened.constant_gradient(centre)[2, 2])
-    at, reference = centre[None, :], opened.info.reference_current
     if opened.info.reduced_model is None:
-        flux, slope = opened.unit_field(at)[0, :, 2], opened.unit_gradient(at)[0, :, 2, 2]
+        flux, slope = opened.unit_field(centre)[:, 2], opened.unit_gradient(centre)[:, 2, 2]
         return MiddleField(
             centre, (*flux.tolist(), float(flux.sum())), (*slope.tolist(), float(slope.sum())), off
         )
-    bz, slope_z = opened.field(at, reference)[0, 2], opened.gradient(at, reference)[0, 2, 2]
-    return MiddleField(centre, (float(bz),), (float(slope_z),), off)
+    state = opened.at(opened.info.reference_current)
+    return MiddleField(centre, (float(state.field(centre)[2]),), (float(state.gradient(centre)[2, 2]),), off)

@@ -21,6 +21,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -40,13 +41,13 @@ from fieldmap.typing import PathLike
 
 FORMAT = 1
 SUFFIX, KEPT = ".partial", ".kept"
-# Length of a piece's first line: 64 digits of the SHA-256 and two lengths of 16 digits, each followed by one character.
-_PREFIX = 64 + 1 + 16 + 1 + 16 + 1
+# First line of a piece: SHA-256, length of the header, length of the arrays.
+_FIRST_LINE = re.compile(rb"([0-9a-f]{64}) ([0-9a-f]{16}) ([0-9a-f]{16})\n")
+_PREFIX = 99
 # Seconds between attempts to lock a file that another run has open.
 _PAUSE = 0.05
 # Byte that is locked on Windows: the largest offset of a 32-bit call.
-_LOCKED_BYTE = (1 << 31) - 2
-_LONGEST_LINE = 1 << 22
+_LOCKED_BYTE = 0x7FFFFFFE
 _BEGINNING = b'{"fieldmap_checkpoint": '
 
 
@@ -121,10 +122,11 @@ class Checkpoint:
         except OSError as error:
             raise InputError(_cannot_write(self.path, error)) from error
         try:
-            if os.fstat(self._file.fileno()).st_size:
+            found = os.fstat(self._file.fileno()).st_size
+            if found:
                 self._refuse_foreign()
                 self.note = self._find(decides) if resume else "begun anew, as asked"
-            if self.note or not self._file.tell():
+            if self.note or not found:
                 self._begin(decides)
         except BaseException:
             self._file.close()
@@ -219,21 +221,21 @@ class Checkpoint:
         # The file is deleted while it is locked, so that no other run opens it first. Windows cannot delete open files.
         try:
             self.path.unlink(missing_ok=True)
-            self.close()
         except PermissionError:
             self.close()
-            self.path.unlink(missing_ok=True)
+            self.path.unlink()
+        self.close()
 
     def _begin(self, decides: Mapping[str, str]) -> None:
         self._places.clear()
         with disk_errors(self.path):
             self._file.truncate(0)
-            self._file.seek(0)
             first_line = {"fieldmap_checkpoint": FORMAT, "fingerprint": dict(decides)}
             self._append(json.dumps(first_line).encode() + b"\n")
 
     def _refuse_foreign(self) -> None:
         """Raise InputError for a file that does not begin as a checkpoint, nor as the torn beginning of one."""
+        self._file.seek(0)
         begin = _read(self._file, len(_BEGINNING))
         if not _BEGINNING.startswith(begin):
             must_hold = "must not replace a file of another origin: it may replace a checkpoint"
@@ -247,14 +249,14 @@ class Checkpoint:
         """
         self._file.seek(0)
         try:
-            line = self._file.readline(_LONGEST_LINE)
+            line = self._file.readline()
             there = json.loads(line)["fingerprint"]
             changed = [name for name in decides if there.get(name) != decides[name]]
         except (ValueError, KeyError, TypeError, AttributeError):
             return "damaged, begun anew"
         if not line.endswith(b"\n"):
             return "damaged, begun anew"
-        if changed or len(there) != len(decides):
+        if there != decides:
             return f"made with another {', '.join(changed) or 'fingerprint'}, begun anew"
         end = self._file.tell()
         while (piece := _next_piece(self._file)) is not None:
@@ -264,11 +266,10 @@ class Checkpoint:
                 self._places[key] = place
             end = self._file.tell()
         self._file.truncate(end)
-        self._file.seek(0, os.SEEK_END)
         return ""
 
     def _append(self, content: bytes) -> None:
-        """Write at the present position and flush to the disk (fsync)."""
+        """Write at the end and flush to the disk (fsync)."""
         left = memoryview(content)
         while left:
             left = left[self._file.write(left) :]
@@ -277,8 +278,8 @@ class Checkpoint:
 
 def _read(file: FileIO, count: int) -> bytes:
     """The next `count` bytes; fewer only at the end of the file. One read call may return less than asked for."""
-    content = file.read(count)
-    while len(content) < count and (more := file.read(count - len(content))):
+    content = b""
+    while more := file.read(count - len(content)):
         content += more
     return content
 
@@ -289,18 +290,17 @@ def _next_piece(file: FileIO) -> tuple[str, _Place] | None:
     Returns its key and place; an empty key if its SHA-256 is wrong; None if no complete piece follows.
     """
     begin = file.tell()
-    prefix = _read(file, _PREFIX)
-    try:
-        digest, header_length, payload_length = prefix.decode("ascii").split()
-        place = _Place(begin, int(header_length, 16), int(payload_length, 16))
-    except ValueError:
+    told = _FIRST_LINE.fullmatch(_read(file, _PREFIX))
+    if told is None:
         return None
+    place = _Place(begin, int(told[2], 16), int(told[3], 16))
     length = place.header + place.payload
-    if min(place.header, place.payload) < 0 or begin + _PREFIX + length + 1 > os.fstat(file.fileno()).st_size:
+    # A newline ends the piece.
+    if length >= os.fstat(file.fileno()).st_size - file.tell():
         return None
     contents = _read(file, length)
     file.seek(1, os.SEEK_CUR)
-    if hashlib.sha256(contents).hexdigest() != digest:
+    if hashlib.sha256(contents).hexdigest().encode() != told[1]:
         return "", place
     return str(json.loads(contents[: place.header])["key"]), place
 
@@ -309,14 +309,13 @@ def _opened(path: Path, wait: float) -> FileIO:
     """Open the file, or make it, and lock it for this process if the system has file locks."""
     until = time.monotonic() + wait
     while True:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
         # The file has no buffer: on closing, a buffer would again write the bytes that a full disk refused.
-        file = FileIO(handle, "r+b")
+        file = FileIO(path, "a+")
         try:
             _lock(file)
             # Another run may have deleted the file between opening and locking.
             with suppress(FileNotFoundError):
-                if os.path.samestat(os.fstat(handle), os.stat(path)):
+                if os.path.samestat(os.fstat(file.fileno()), os.stat(path)):
                     return file
         except BlockingIOError:
             if time.monotonic() >= until:

@@ -58,9 +58,11 @@ def _read(path: Path, file: h5py.File) -> tuple[Array, Array]:
     must = f"must have at most {MOST_NODES} nodes"
     _check(0 < np.prod(shape.astype(float)) <= MOST_NODES, path, must, f"{shape.tolist()}", "resample it")
     axes = [start + step * np.arange(count) for start, step, count in zip(lower, spacing, shape, strict=True)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
     scale = float(field.attrs.get("fieldScale", 1.0))
-    parts = [scale * _component(field["magneticField"][axis], tuple(shape)).ravel() for axis in "xyz"]
+    parts = [
+        scale * _component(field["magneticField"][axis], tuple(shape.tolist())).ravel() for axis in "xyz"
+    ]
     return points, np.stack(parts, axis=1)
 
 

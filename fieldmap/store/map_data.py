@@ -226,8 +226,8 @@ class MapData(MapInfo):
         If a shape does not fit.
     """
 
-    flux_density: Array = field(default_factory=lambda: np.empty(0))
-    gradient: Array = field(default_factory=lambda: np.empty(0))
+    flux_density: Array = field(kw_only=True)
+    gradient: Array = field(kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -239,7 +239,7 @@ class MapData(MapInfo):
 
     def as_read(self) -> "MapData":
         """The map with the rounding of a file: its fields are multiplied by their scale and divided by it again."""
-        scale = self.field_scale.reshape(-1, 1, 1, 1, 1)
+        scale = self.field_scale[:, None, None, None, None]
         flux, gradient = (
             self.flux_density * scale / scale,
             self.gradient * scale[..., None] / scale[..., None],

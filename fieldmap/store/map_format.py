@@ -94,7 +94,7 @@ class Chunk(Record):
 def planes_per_chunk(grid: Grid) -> int:
     """Number of x-planes in a chunk. It depends on the grid alone, so that a resumed run has the same chunks."""
     nx, ny, nz = grid.shape
-    most = max(1, min(nx, NODES_PER_CHUNK // (ny * nz)))
+    most = max(1, NODES_PER_CHUNK // (ny * nz))
     # The fewest chunks of at most `most` planes, all but the last equal.
     return -(-nx // -(-nx // most))
 

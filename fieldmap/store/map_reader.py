@@ -75,12 +75,10 @@ def hard(file: h5py.Group, path: str) -> h5py.Group | h5py.Dataset:
     return h5py.Dataset(found) if isinstance(found, h5py.h5d.DatasetID) else h5py.Datatype(found)
 
 
-def is_hard(group: h5py.Group | h5py.Dataset, path: str) -> bool:
+def is_hard(file: h5py.Group, path: str) -> bool:
     """Whether the last link of a path is a hard link of an existing object. The earlier links must be known to be hard.
     The last one is not followed."""
-    if not isinstance(group, h5py.Group):
-        return False
-    links, name = group.id.links, path.encode()
+    links, name = file.id.links, path.encode()
     try:
         return bool(links.exists(name)) and links.get_info(name).type == h5py.h5l.TYPE_HARD
     except RuntimeError:
@@ -108,12 +106,12 @@ def stored(file: h5py.Group, path: str, kinds: str) -> h5py.Dataset:
         another).
     """
     data = hard(file, path)
-    if not isinstance(data, h5py.Dataset) or (dtype := data.dtype).kind not in kinds or dtype.hasobject:
+    if not isinstance(data, h5py.Dataset) or (dtype := data.dtype).kind not in kinds:
         there = isinstance(data, h5py.Dataset)
         received = f"shape {data.shape}, {data.dtype}" if there else "no data set"
         raise Refused(f"{path}: {_NAMES[kinds]}", received, REMAKE)
     created = data.id.get_create_plist()
-    if created.get_layout() == h5py.h5d.VIRTUAL or created.get_external_count():
+    if data.is_virtual or data.external:
         raise Refused(f"{path} inside the file", "numbers kept in another file", REMAKE)
     if h5py.h5o.get_info(data.id).rc != 1:
         raise Refused(f"{path}: numbers of its own", "numbers that have another name as well", REMAKE)
@@ -247,7 +245,7 @@ def read_header(file: h5py.File) -> tuple[MapInfo, tuple[str, ...]]:
     for name in ("recipe", "device"):
         if header[f"{name}_sha256"] != sha256(texts[name]):
             raise Refused(f"the {name} it was made from", f"a {name} text with another hash", REMAKE)
-    model = _read_reduced_model(file) if is_hard(hard(file, OWN), REDUCED_MODEL.rpartition("/")[2]) else None
+    model = _read_reduced_model(file) if is_hard(file, REDUCED_MODEL.strip("/")) else None
     info = info_from(header, json.loads(texts["report"]), texts["recipe"], texts["device"], model)
     if version != format_of(info) or version != header["format"]:
         must_hold = f"file format {format_of(info)}, by its fields and its iron"
@@ -266,7 +264,7 @@ def _read_reduced_model(file: h5py.File) -> ReducedModel:
         raise Refused(f"{REDUCED_MODEL}: a group", "numbers", REMAKE)
     there = [name for name in ARRAYS if name not in OPTIONAL or name in group]
     arrays = {name: np.ascontiguousarray(stored(file, f"{REDUCED_MODEL}/{name}", "fi")[()]) for name in there}
-    return ReducedModel(**arrays, parametrisation=_parametrisation(file, arrays["source"].shape[-1]))
+    return ReducedModel(**arrays, parametrisation=_parametrisation(file, len(arrays["source"].T)))
 
 
 def _parametrisation(file: h5py.File, coils: int) -> CurrentParametrisation:
@@ -287,21 +285,20 @@ def _parametrisation(file: h5py.File, coils: int) -> CurrentParametrisation:
 
 def _values(file: h5py.File, quantity: Quantity, records: tuple[str, ...], info: MapInfo) -> Array:
     """Read a quantity of all fields (n_fields, nx, ny, nz, *tail), per ampere for coils, at weight 1 for others."""
-    shape, count = (len(records), *info.grid.shape), len(quantity.components)
     checked = [
         [check_numbers(file, f"{quantity.path(record)}/{c}", info.grid) for c in quantity.components]
         for record in records
     ]
-    needed = len(records) * count * info.grid.size * 8
+    needed = sum(data.id.get_storage_size() for components in checked for data in components)
     if needed > file.id.get_filesize():
         received = f"a file of {file.id.get_filesize()} bytes"
         raise Refused(f"{needed} bytes of numbers, each stored once", received, REMAKE)
-    values = np.empty((*shape, count))
+    values = np.empty((len(records), *info.grid.shape, len(quantity.components)))
     for number, (components, scale) in enumerate(zip(checked, info.field_scale, strict=True)):
         for c, data in enumerate(components):
             values[number, ..., c] = _finite(data)
         values[number] /= scale
-    return values.reshape(*shape, *quantity.tail)
+    return values.reshape(*values.shape[:4], *quantity.tail)
 
 
 def check_attributes(file: h5py.File, path: str, wanted: Mapping[str, Any]) -> None:

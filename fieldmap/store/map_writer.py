@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -33,7 +33,7 @@ from fieldmap.store.map_format import (
     write_text,
 )
 from fieldmap.store.openpmd import fixed, write_openpmd
-from fieldmap.store.reduced_model import OPTIONAL, ReducedModel
+from fieldmap.store.reduced_model import ARRAYS, INTEGER, OPTIONAL, ReducedModel
 from fieldmap.store.seal import seal_map
 from fieldmap.store.whole_files import disk_errors, sync_folder, whole_file
 from fieldmap.typing import Array, PathLike
@@ -111,13 +111,12 @@ def _write_reduced_model(file: h5py.File, model: ReducedModel | None) -> None:
         return
     group = file.create_group(REDUCED_MODEL)
     group.attrs[PARAMETRISATION] = fixed(model.parametrisation.to_json())
-    for field in fields(model):
-        name = DIVISION_EXPONENT if field.name == PARAMETRISATION else field.name
+    for name in (*ARRAYS, DIVISION_EXPONENT):
         values = getattr(model, name)
         if name in OPTIONAL and not values.size:
             continue
         # The fill value, which HDF5 gives for a missing block, is never a number of a model, so that it is noticed.
-        missing = np.nan if values.dtype.kind == "f" else -1
+        missing = -1 if name in INTEGER else np.nan
         checked = {"fletcher32": True, "fillvalue": missing} if values.size else {}
         group.create_dataset(name, data=values, **checked)
 
@@ -284,7 +283,7 @@ def _key(chunk: Chunk) -> str:
 
 def _check_finite(target: Path, chunk: Chunk, flux_density: Array, gradient: Array) -> None:
     # Not so for NaN either.
-    if all(np.abs(values).max() < _SINGULAR for values in (flux_density, gradient)):
+    if all(np.abs(values).max() <= _SINGULAR for values in (flux_density, gradient)):
         return
     raise MapFileError.of(
         f"{target.name}, x-planes {chunk.first} to {chunk.last - 1}",

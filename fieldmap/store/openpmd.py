@@ -28,13 +28,12 @@ def write_openpmd(file: h5py.File, map_data: MapData) -> None:
         zip(map_data.field_names, names, map_data.field_scale, strict=True)
     ):
         for quantity in QUANTITIES:
-            values = getattr(map_data, quantity.name)[number].reshape(*grid.shape, -1)
+            values = getattr(map_data, quantity.name)[number].reshape(*grid.shape, len(quantity.components))
             comment = quantity.comment.format(_source(map_data, name, scale))
             record = _write_record(file, quantity, part, grid, comment, values, scale)
             _describe(record.id, **of_source(name, scale))
-    for number, part in enumerate(names, start=1):
-        driven = map_data.field_names[number - 1] != NO_CURRENT
-        _link_external_field(file, number, part, grid, f"I_{part}" if driven else "none")
+    for number, (name, part) in enumerate(zip(map_data.field_names, names, strict=True), start=1):
+        _link_external_field(file, number, part, grid, "none" if name == NO_CURRENT else f"I_{part}")
 
 
 def _total(map_data: MapData) -> Array:
@@ -47,7 +46,7 @@ def _total(map_data: MapData) -> Array:
 
 
 def _source(info: MapInfo, name: str, scale: float) -> str:
-    if info.constant_field and name == NO_CURRENT:
+    if name == NO_CURRENT:
         return f"what no current drives: {', '.join(info.fixed_sources)}"
     if name not in info.coil_names:
         return f"saturating iron, {name} at weight 1"

@@ -87,7 +87,7 @@ def output_problems(
     target = Path(path)
     known = [FORMATS[name] for name in formats]
     chosen = [one for one in known if target.suffix in one.endings]
-    if not chosen or not target.stem:
+    if not chosen:
         *first, last = dict.fromkeys(ending for one in known for ending in one.endings)
         must_hold = f"must end in {', '.join(first)}{' or ' if first else ''}{last}"
         return [Problem(where, must_hold, str(path), "programs know a file's format by its ending")]

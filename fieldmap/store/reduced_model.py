@@ -12,7 +12,7 @@ from fieldmap.currents import CurrentDomain, CurrentParametrisation, Independent
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-_INTEGER = ("law", "law_offset")
+INTEGER = ("law", "law_offset")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,7 +88,7 @@ class ReducedModel(Record):
             "shares": (np.shape(self.pinning)[-1],) if np.size(self.pinning) else (0,),
         }
         for name in ARRAYS:
-            kind = np.int64 if name in _INTEGER else np.float64
+            kind = np.int64 if name in INTEGER else np.float64
             values = np.array(getattr(self, name), dtype=kind)
             shape = wanted.get(name, values.shape)
             _check(values.shape == shape, name, f"shape {shape}", f"shape {values.shape}")
@@ -96,11 +96,10 @@ class ReducedModel(Record):
             values.flags.writeable = False
             object.__setattr__(self, name, values)
         offset = self.law_offset
-        rises = laws >= 1 and offset[0] == 0 and offset[-1] == knots and (np.diff(offset) >= 1).all()
-        _check(rises, "law_offset", "rising from 0 to the number of knots", offset.tolist())
-        lowest, highest = self.law.min(initial=0), self.law.max(initial=0)
-        known = lowest >= 0 and highest < laws
-        _check(known, "law", f"numbers of {laws} laws", f"{lowest} to {highest}")
+        laid = knots and np.array_equal(offset, np.unique([0, *offset.clip(0, knots), knots]))
+        _check(laid, "law_offset", "rising from 0 to the number of knots", offset.tolist())
+        others = np.setdiff1d(self.law, range(laws))
+        _check(not others.size, "law", f"numbers of {laws} laws", others.tolist())
         _check(len(self.known_currents), "known_currents", "at least one state", "none")
         _check((self.weights > 0).all(), "weights", "positive", self.weights.min(initial=np.inf))
         rises = (np.diff(self.pinning, axis=1) >= 0.0).all() and (self.pinning >= 0.0).all()
@@ -155,7 +154,7 @@ def parametrisation_of(division_exponent: Array, coils: int) -> CurrentParametri
     exponents = np.ravel(division_exponent)
     received = f"{exponents.size} numbers"
     _check(exponents.size <= 1, "division_exponent", "one number or none", received)
-    return LiftAndDirections(float(exponents[0])) if exponents.size else IndependentCurrents(coils)
+    return LiftAndDirections(*exponents.tolist()) if exponents.size else IndependentCurrents(coils)
 
 
 def _check(holds: object, name: str, must_hold: str, received: object) -> None:

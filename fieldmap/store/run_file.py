@@ -72,7 +72,7 @@ def write_runs(path: str | os.PathLike[str], runs: Iterable[RunRecord], about: M
 def _write(group: h5py.Group, run: RunRecord) -> None:
     group.attrs["about"] = json.dumps(run.about, allow_nan=False)
     for name, (values, unit, columns) in run.arrays.items():
-        data = group.create_dataset(name, data=values, fletcher32=np.size(values) > 0)
+        data = group.create_dataset(name, data=values, fletcher32=bool(np.size(values)))
         data.attrs["unit"], data.attrs["columns"] = unit, columns
 
 

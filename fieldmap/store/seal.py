@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from pathlib import Path
 from typing import BinaryIO
 
 from fieldmap.errors import MapFileError
 
-_MARK = b"\n# sealed by fieldmap: "
-_DIGITS = 16  # of the length, hexadecimal
-SEAL_LENGTH = len(_MARK) + _DIGITS + 1 + 64 + 1
+_SEAL = re.compile(rb"\n# sealed by fieldmap: ([0-9a-f]{16}) ([0-9a-f]{64})\n")
+SEAL_LENGTH = 105
 REMAKE = "make the map again: fieldmap map RECIPE"
 
 
@@ -96,7 +96,7 @@ def _write_seal(stream: BinaryIO) -> None:
     digest = _digest(stream, length)
     stream.truncate(length)
     stream.seek(length)
-    stream.write(_MARK + f"{length:0{_DIGITS}x} {digest}\n".encode())
+    stream.write(f"\n# sealed by fieldmap: {length:016x} {digest}\n".encode())
     stream.flush()
     os.fsync(stream.fileno())
 
@@ -110,24 +110,15 @@ def _read_seal(stream: BinaryIO, length: int) -> tuple[int, str] | None:
     if length < SEAL_LENGTH:
         return None
     stream.seek(length - SEAL_LENGTH)
-    text = stream.read(SEAL_LENGTH)
-    digits, space, digest = text[len(_MARK) : -1].partition(b" ")
-    if not text.startswith(_MARK) or not text.endswith(b"\n") or not space or len(digits) != _DIGITS:
-        return None
-    try:
-        return int(digits, 16), digest.decode("ascii")
-    except ValueError:
-        return None
+    told = _SEAL.fullmatch(stream.read(SEAL_LENGTH))
+    return None if told is None else (int(told[1], 16), told[2].decode())
 
 
 def _digest(stream: BinaryIO, length: int) -> str:
     """SHA-256 of the first `length` bytes."""
     stream.seek(0)
     total, left = hashlib.sha256(), length
-    while left:
-        block = stream.read(min(left, 1 << 20))
-        if not block:
-            break
+    while block := stream.read(min(left, 1 << 20)):
         total.update(block)
         left -= len(block)
     return total.hexdigest()

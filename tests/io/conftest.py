@@ -25,25 +25,25 @@ class Polynomial(Field):
         return float(coil_currents(currents, self.coil_names) @ SHARES)
 
     def field(self, points, currents):
-        x, y, z = np.atleast_2d(points).T
+        x, y, z = np.moveaxis(np.asarray(points, float), -1, 0)
         radial = -0.5 * (B1 + B2 * z)
         along = B0 + B1 * z + 0.5 * B2 * (z**2 - 0.5 * (x**2 + y**2))
-        return self.strength(currents) * np.column_stack([radial * x, radial * y, along])
+        return self.strength(currents) * np.stack([radial * x, radial * y, along], axis=-1)
 
     def gradient(self, points, currents):
-        x, y, z = np.atleast_2d(points).T
-        slope = np.zeros((len(x), 3, 3))
-        slope[:, 0, 0] = slope[:, 1, 1] = -0.5 * (B1 + B2 * z)
-        slope[:, 2, 2] = B1 + B2 * z
-        slope[:, 0, 2] = slope[:, 2, 0] = -0.5 * B2 * x
-        slope[:, 1, 2] = slope[:, 2, 1] = -0.5 * B2 * y
+        x, y, z = np.moveaxis(np.asarray(points, float), -1, 0)
+        slope = np.zeros((*np.shape(x), 3, 3))
+        slope[..., 0, 0] = slope[..., 1, 1] = -0.5 * (B1 + B2 * z)
+        slope[..., 2, 2] = B1 + B2 * z
+        slope[..., 0, 2] = slope[..., 2, 0] = -0.5 * B2 * x
+        slope[..., 1, 2] = slope[..., 2, 1] = -0.5 * B2 * y
         return self.strength(currents) * slope
 
     def second_gradient(self, points, currents):
-        bend = np.zeros((len(np.atleast_2d(points)), 3, 3, 3))
-        bend[:, 2, 2, 2] = B2
+        bend = np.zeros((*np.shape(points)[:-1], 3, 3, 3))
+        bend[..., 2, 2, 2] = B2
         for i in (0, 1):
-            bend[:, i, i, 2] = bend[:, i, 2, i] = bend[:, 2, i, i] = -0.5 * B2
+            bend[..., i, i, 2] = bend[..., i, 2, i] = bend[..., 2, i, i] = -0.5 * B2
         return self.strength(currents) * bend
 
 

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from scipy.constants import mu_0
 
+from fieldmap.device import read_device
 from fieldmap.errors import InputError, MapFileError
 from fieldmap.io import IronOptions, is_map_file, open_field
 from fieldmap.io.field_source import existing_map, find_source, named_device, solve_device
+from tests.refusals import refused
 
 DEVICES = Path(__file__).parents[1] / "devices"
 LOOP = DEVICES / "thin_loop_with_driver.toml"
@@ -26,23 +28,41 @@ def test_a_map_is_known_by_its_ending_or_by_its_first_bytes(tmp_path, six_coils)
     assert is_map_file(renamed)
     (tmp_path / "short").write_bytes(b"\x89HDF")
     assert not is_map_file(tmp_path / "short")
-    with pytest.raises(InputError) as error:
+    for content in (b"", b"\x00HDF\r\n\x1a\n", b"\xffHDF\r\n\x1a\n", b"\x89HDF\r\n\x1a\r and more"):
+        (tmp_path / "other").write_bytes(content)
+        assert not is_map_file(tmp_path / "other")
+    for name in ("x" * 5000, "no\0name", tmp_path / "none"):
+        assert not is_map_file(name)
+    with refused(InputError, where=str(tmp_path), received="a directory"):
         is_map_file(tmp_path)
-    assert error.value.problems[0].where == str(tmp_path)
 
 
 def test_an_existing_map_is_a_file_of_hdf5(tmp_path, six_coils):
     assert existing_map(str(six_coils)) == six_coils
-    for name in (tmp_path / "none.h5", tmp_path / "none", LOOP):
-        with pytest.raises(MapFileError) as error:
+    told = {
+        tmp_path / "none.h5": "no such file",
+        tmp_path / "none": "no such file",
+        LOOP: "a file that is not HDF5",
+    }
+    for name, received in told.items():
+        with refused(MapFileError, where=str(name), received=received):
             existing_map(name)
-        assert error.value.problems[0].where == str(name)
 
 
 def test_a_map_is_no_device(six_coils):
     with pytest.raises(InputError) as error:
         named_device(six_coils)
     assert error.value.problems[0].received == "a map"
+    assert named_device("drive_unit").name == "drive_unit"
+    assert named_device(LOOP, {"payload.mass_g": 20.0}).payload.mass == 0.020
+    with refused(InputError, where=str(six_coils), received="a map"):
+        find_source(six_coils, changes={"payload.mass_g": 20.0})
+    assert find_source(six_coils, changes={}).is_map
+
+
+def test_a_map_that_recorded_no_device_has_no_payload(six_coils):
+    source = find_source(six_coils)
+    assert (source.payload, source.driver, source.device, source.kind) == (None, None, None, "map")
 
 
 def test_a_map_brings_what_it_recorded(circle_of_six, dipole_map, tmp_path):
@@ -80,6 +100,53 @@ def test_a_device_is_solved_when_its_field_is_asked_for_and_once(monkeypatch):
     }
 
 
+def test_a_device_in_python_a_file_and_a_field_are_opened(monkeypatch, polynomial):
+    """With the options and changes that are given; without any, linear iron."""
+    asked = []
+    monkeypatch.setattr(
+        "fieldmap.io.field_source.solve_device", lambda *given: asked.append(given) or "solved"
+    )
+    device, options = read_device(LOOP), IronOptions(mu_r=30.0)
+    assert open_field(device, options, print) == open_field(device) == "solved"
+    assert asked == [(device, options, print), (device, IronOptions(), None)]
+    assert open_field(LOOP, options, print, {"payload.mass_g": 20.0}) == "solved"
+    assert (asked[-1][0].payload.mass, *asked[-1][1:]) == (0.020, options, print)
+    assert open_field(str(LOOP)) == "solved"
+    assert asked[-1][1:] == (IronOptions(), None)
+    field = polynomial.field
+    assert open_field(field) is field
+
+
+def test_what_a_field_rests_on(polynomial, monkeypatch):
+    """At given currents, of a device alone, also what must be known of the iron there."""
+    monkeypatch.setattr(
+        "fieldmap.iron.notes.state_notes", lambda device, state: (device, state.currents.tolist())
+    )
+    source = polynomial.source()
+    assert source.assumptions() == source.assumptions([1.0, 2.0]) == ("a polynomial",)
+    made = polynomial.source(device="a device")
+    assert (source.is_map, made.is_map) == (True, False)
+    assert made.assumptions() == ("a polynomial",)
+    assert made.assumptions([1.0, 2.0]) == ("a device", [1.0, 2.0])
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_progress_until_the_first_state(monkeypatch, given):
+    """Assembled is not the end; every other message goes on."""
+    told, made = [], []
+
+    def solver(device, refinement, progress):
+        made.append(progress)
+        for message in ("meshed", "assembled", "aaa", "zzz"):
+            if progress is not None:
+                progress(message, 0.5)
+
+    monkeypatch.setattr("fieldmap.iron.NonlinearSolver", solver)
+    solve_device("d", IronOptions(nonlinear=True), (lambda *what: told.append(what)) if given else None)
+    assert told == [(message, 0.5) for message in ("meshed", "aaa", "zzz") if given]
+    assert (made[0] is None) == (not given)
+
+
 @pytest.mark.parametrize(
     ("options", "solver", "given"),
     [
@@ -107,7 +174,10 @@ def test_the_options_choose_the_solver(monkeypatch, options, solver, given):
 
 
 def test_states_are_only_solved_of_iron_that_can_be_followed():
-    assert find_source(BALL, IronOptions(nonlinear=True)).nonlinear
+    source = find_source(BALL, IronOptions(nonlinear=True))
+    assert (source.nonlinear, source.kind) == (True, "device, nonlinear iron")
+    source = find_source(BALL)
+    assert (source.nonlinear, source.kind) == (False, "device, linear iron")
     with pytest.raises(InputError):
         find_source(LOOP, IronOptions(nonlinear=True))
 

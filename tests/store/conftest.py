@@ -4,7 +4,8 @@ import h5py
 import numpy as np
 import pytest
 
-from fieldmap.store import FieldError, Grid, MapData, Provenance
+from fieldmap.currents import IndependentCurrents
+from fieldmap.store import FieldError, Grid, MapData, Provenance, ReducedModel
 
 
 def make_map(coil_names=("1", "upper left"), reference_current=1.0, shape=(4, 3, 5), **provenance):
@@ -57,3 +58,44 @@ def _make_map():
 def data():
     """A map of two coils."""
     return make_map()
+
+
+def make_model(**changes):
+    """A reduced model of two coils with numbers made up, and lengths that no two of its arrays share: 3 sample points,
+    4 modes, 5 fields of the iron, 7 knots, 6 training states."""
+    rng = np.random.default_rng(3)
+    given = {
+        "gradients": rng.normal(size=(9, 4)),
+        "source": rng.normal(size=(9, 2)),
+        "weights": np.array([0.2, 0.5, 0.1]),
+        "law": np.array([1, 0, 1]),
+        "law_offset": np.array([0, 3, 7]),
+        "law_knots": np.array([0.0, 1.0, 2.0, 0.0, 0.5, 1.0, 4.0]),
+        "law_coefficients": rng.normal(size=(7, 4)),
+        "air": rng.normal(size=(4, 4)),
+        "constant": rng.normal(size=4),
+        "output": rng.normal(size=(5, 4)),
+        "known_currents": rng.normal(size=(6, 2)),
+        "known_amplitudes": rng.normal(size=(6, 4)),
+        "lower": np.array([-1.0, 0.5]),
+        "upper": np.array([2.0, 3.0]),
+        "parametrisation": IndependentCurrents(2),
+        "reference_weights": np.array([0.5, -1.5, 2.5, 3.5, -4.5]),
+        "fixed": rng.normal(size=9),
+    }
+    return ReducedModel(**(given | changes))
+
+
+def make_saturating(model=None, **changes):
+    """A map of two coils, five fields of iron and a background: each component of each field has its own numbers."""
+    rng = np.random.default_rng(4)
+    grid = Grid([-0.02, 0.01, -0.14], [0.004, 0.005, 0.0031], (4, 3, 5))
+    given = {
+        "reduced_model": make_model() if model is None else model,
+        "fixed_sources": ("magnet", "background"),
+        "constant_field": True,
+        "current_error": FieldError(4e-6, 5e-3),
+        "flux_density": rng.normal(size=(8, 4, 3, 5, 3)),
+        "gradient": rng.normal(size=(8, 4, 3, 5, 3, 3)),
+    }
+    return MapData(grid, ("upper left", "1"), np.array([0.3, 7.0]), **(given | changes))

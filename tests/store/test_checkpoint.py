@@ -1,18 +1,24 @@
 """Pieces of long work: there again after a kill at any moment, absent where they are not whole."""
 
 import errno
+import hashlib
+import io
 import json
 import os
 import signal
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from fieldmap.errors import FieldmapError, InputError
+from fieldmap.store import checkpoint as module
 from fieldmap.store.checkpoint import Checkpoint, checkpoint_path
+from tests.refusals import refused
 
 PIECES = {
     "first": ({"field": np.linspace(0.0, 1.0, 7).reshape(7, 1), "law": np.arange(3)}, {"seconds": 0.1}),
@@ -26,7 +32,7 @@ PIECES = {
 
 @pytest.fixture
 def path(tmp_path):
-    return checkpoint_path(tmp_path / "folder" / "map.h5")
+    return checkpoint_path(tmp_path / "new" / "folder" / "map.h5")
 
 
 @pytest.fixture
@@ -58,6 +64,48 @@ def test_pieces_come_back_to_the_bit(filled):
         found[0] = 5.0  # a copy of its own
         check(checkpoint, PIECES)
     assert filled.name == "map.h5.partial"
+    assert checkpoint_path("study.nc", stays=True).name == "study.nc.kept"
+
+
+def test_the_file_is_laid_out_as_its_description_says(filled):
+    """Read by the text of the module: a line of JSON; of each piece a line of 99 bytes, header, arrays, a newline."""
+    stream = io.BytesIO(filled.read_bytes())
+    assert json.loads(stream.readline()) == {"fieldmap_checkpoint": 1, "fingerprint": {"fingerprint": "one"}}
+    for key, (arrays, about) in PIECES.items():
+        digest, *lengths = stream.read(99).decode().removesuffix("\n").split(" ")
+        header, payload = (stream.read(int(length, 16)) for length in lengths)
+        assert (len(digest), *map(len, lengths)) == (64, 16, 16)
+        assert hashlib.sha256(header + payload).hexdigest() == digest
+        told = json.loads(header)
+        assert (told["key"], json.dumps(told["about"])) == (key, json.dumps(about))
+        assert told["arrays"] == [
+            [name, np.asarray(v).dtype.str, [*np.shape(v)]] for name, v in arrays.items()
+        ]
+        assert payload == b"".join(np.asarray(v).tobytes() for v in arrays.values())
+        assert stream.read(1) == b"\n"
+    assert stream.read() == b""
+    plain = filled.with_name("plain")
+    plain.touch()
+    assert filled.stat().st_mode == plain.stat().st_mode
+
+
+def test_one_call_may_read_or_write_less_than_asked_for(path, monkeypatch):
+    class Slow(io.FileIO):
+        def read(self, count=-1):
+            return super().read(min(count, 7))
+
+        def write(self, content):
+            return super().write(content[:5])
+
+    monkeypatch.setattr(module, "FileIO", Slow)
+    for _ in range(2):
+        with Checkpoint(path, "one") as checkpoint:
+            for key, piece in PIECES.items():
+                checkpoint.put(key, *piece)
+            check(checkpoint, PIECES)
+    with Checkpoint(path, "one") as checkpoint:
+        assert checkpoint.note == ""
+        check(checkpoint, PIECES)
 
 
 def test_a_later_piece_takes_the_place_of_an_earlier_one(filled):
@@ -144,9 +192,11 @@ def test_killed_while_it_writes(path, count, late):
     ("before", "now", "named"),
     [
         ("one", "two", "fingerprint"),
+        ("two", "one", "fingerprint"),
         ({"recipe": "a", "device": "b"}, {"recipe": "a", "device": "c"}, "device"),
+        ({"recipe": "b", "device": "b"}, {"recipe": "a", "device": "c"}, "recipe, device"),
         ({"recipe": "a"}, {"recipe": "a", "device": "c"}, "device"),
-        ({"recipe": "a", "device": "c"}, {"recipe": "a"}, ""),
+        ({"recipe": "a", "device": "c"}, {"recipe": "a"}, "fingerprint"),
     ],
 )
 def test_another_fingerprint_begins_anew_and_is_named(path, before, now, named):
@@ -154,8 +204,7 @@ def test_another_fingerprint_begins_anew_and_is_named(path, before, now, named):
         checkpoint.put("first", *PIECES["first"])
     with Checkpoint(path, now) as checkpoint:
         assert len(checkpoint) == 0
-        assert named in checkpoint.note
-        assert checkpoint.note
+        assert checkpoint.note == f"made with another {named}, begun anew"
         checkpoint.put("third", *PIECES["third"])
     with Checkpoint(path, now) as checkpoint:
         check(checkpoint, ["third"])
@@ -166,7 +215,7 @@ def test_another_fingerprint_begins_anew_and_is_named(path, before, now, named):
 )
 @pytest.mark.parametrize("resume", [True, False])
 def test_a_foreign_file_is_refused_and_stays(path, contents, resume):
-    path.parent.mkdir()
+    path.parent.mkdir(parents=True)
     path.write_bytes(contents)
     with pytest.raises(InputError) as caught:
         Checkpoint(path, "one", resume=resume)
@@ -194,7 +243,51 @@ def test_begun_anew_on_request(filled):
 def test_removed_when_the_work_is_done(filled):
     with Checkpoint(filled, "one") as checkpoint:
         checkpoint.remove()
+        assert not filled.exists()
+        checkpoint.remove()
+
+
+def test_a_system_that_deletes_no_open_file(filled, monkeypatch):
+    checkpoint, real = Checkpoint(filled, "one"), type(filled).unlink
+
+    def unlink(path, missing_ok=False):
+        if not checkpoint._file.closed:
+            raise PermissionError
+        real(path, missing_ok)
+
+    monkeypatch.setattr(type(filled), "unlink", unlink)
+    checkpoint.remove()
     assert not filled.exists()
+
+
+@pytest.mark.parametrize("taken", [False, True])
+def test_windows_locks_a_byte_beyond_all_others(filled, monkeypatch, taken):
+    """The largest offset of 31 bits, so that the byte before 2^31 - 1."""
+    locked = []
+
+    def locking(handle, mode, count):
+        locked.append((os.lseek(handle, 0, os.SEEK_CUR), mode, count))
+        if taken:
+            raise OSError(errno.EACCES, "taken")
+
+    monkeypatch.setitem(sys.modules, "msvcrt", SimpleNamespace(locking=locking, LK_NBLCK=2))
+    monkeypatch.setattr(module, "sys", SimpleNamespace(platform="".join(["win", "32"])))
+    if taken:
+        with refused(InputError, received="a file that another run has open"):
+            Checkpoint(filled, "one")
+    else:
+        with Checkpoint(filled, "one") as checkpoint:
+            check(checkpoint, PIECES)
+    assert locked == [(2**31 - 2, 2, 1)]
+
+
+def test_a_file_system_without_locks_does_without(filled, monkeypatch):
+    def flock(*_):
+        raise OSError(errno.ENOLCK, "no locks")
+
+    monkeypatch.setattr("fcntl.flock", flock)
+    with Checkpoint(filled, "one") as checkpoint:
+        check(checkpoint, PIECES)
 
 
 def test_one_run_at_a_time(filled):
@@ -206,11 +299,26 @@ def test_one_run_at_a_time(filled):
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
         assert other.stdout.readline() == "open\n"
         for resume in (True, False):
-            with pytest.raises(InputError):
+            with refused(InputError, where=str(filled), received="a file that another run has open"):
                 Checkpoint(filled, "one", resume)
         other.stdin.close()
     with Checkpoint(filled, "one") as checkpoint:
         check(checkpoint, PIECES)
+
+
+def test_nobody_waits_who_was_not_asked_to(filled, monkeypatch):
+    """And who was looks again ten times a second at least."""
+    slept = []
+    monkeypatch.setattr("time.sleep", slept.append)
+    with Checkpoint(filled, "one"):
+        with pytest.raises(InputError):
+            Checkpoint(filled, "one")
+        assert slept == []
+        begin = time.monotonic()
+        with pytest.raises(InputError):
+            Checkpoint(filled, "one", wait=0.05)
+        assert 0.05 <= time.monotonic() - begin < 1.0
+    assert 0 < min(slept) <= max(slept) <= 0.1
 
 
 def test_a_run_waits_for_another_that_has_the_file_for_a_moment(path):
@@ -228,8 +336,10 @@ def test_a_run_waits_for_another_that_has_the_file_for_a_moment(path):
 
 def test_a_place_that_cannot_be_written(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError):
-        Checkpoint(tmp_path / "file" / "map.partial", "one")
+    with refused(InputError, must_hold="can be written", received=os.strerror(errno.ENOTDIR)):
+        Checkpoint(tmp_path / "file" / "folder" / "map.partial", "one")
+    with refused(InputError, where=str(tmp_path), received=os.strerror(errno.EISDIR)):
+        Checkpoint(tmp_path, "one")
 
 
 def test_a_full_disk_costs_only_the_piece_that_did_not_fit(filled, monkeypatch):

@@ -1,15 +1,24 @@
 """Files that are no complete, undamaged map: always a MapFileError, never a traceback, never wrong numbers."""
 
+import errno
+import hashlib
 import json
+import os
+import re
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
+from fieldmap.currents import LiftAndDirections
 from fieldmap.errors import MapFileError
-from fieldmap.store import checkpoint_path, open_writer, read_info, read_map, seal_map, write_map
-from fieldmap.store.seal import SEAL_LENGTH
+from fieldmap.store import checkpoint_path, map_path, open_writer, read_info, read_map, seal_map, write_map
+from fieldmap.store.map_format import write_text
+from fieldmap.store.map_reader import opened_map
+from fieldmap.store.seal import SEAL_LENGTH, check_seal, is_sealed
 from tests.refusals import refused as refused_as
+from tests.store.conftest import make_saturating
 
 
 @pytest.fixture
@@ -91,8 +100,10 @@ def test_sealing_again_changes_nothing(path):
 @pytest.mark.parametrize("name", ["none.h5", "folder.h5"])
 def test_what_is_no_file_is_not_sealed(tmp_path, name):
     (tmp_path / "folder.h5").mkdir()
-    with refused_as(MapFileError, where=str(tmp_path / name)):
+    told = os.strerror(errno.EISDIR if name.startswith("folder") else errno.ENOENT)
+    with refused_as(MapFileError, where=str(tmp_path / name)) as caught:
         seal_map(tmp_path / name)
+    assert caught.value.problems[0].received == told
     assert [one.name for one in tmp_path.iterdir()] == ["folder.h5"]
 
 
@@ -147,21 +158,11 @@ def nan_node(file):
     file[BX][0, 0, 0] = np.nan
 
 
-def newer(file):
-    file["/fieldmap"].attrs["format_version"] = 4
-
-
-def of_another_format(file):
-    file["/fieldmap"].attrs["format_version"] = 2
-
-
 def wrong_spacing(file):
     file["/data/0/meshes/B_1"].attrs["gridSpacing"] = [1.0, 1.0, 1.0]
 
 
 def other_recipe(file):
-    from fieldmap.store.map_format import write_text
-
     write_text(file, "recipe", "spacing_mm = 5\n")
 
 
@@ -170,19 +171,128 @@ def edited_header(file):
     file["/fieldmap/header"][...] = np.bytes_(text.encode())
 
 
-def no_coils(file):
-    from fieldmap.store.map_format import write_text
+def rewritten(text, **changes):
+    """The header or the report with other entries."""
 
-    header = json.loads(file["/fieldmap/header"][()])
-    write_text(file, "header", json.dumps(header | {"coil_names": [], "record_names": []}))
+    def change(file):
+        contents = json.loads(file[f"/fieldmap/{text}"][()])
+        write_text(file, text, json.dumps(contents | changes))
+
+    return change
+
+
+def hash_of(text, digest):
+    def change(file):
+        file[f"/fieldmap/{text}"].attrs["sha256"] = np.bytes_(digest)
+
+    return change
+
+
+def version(number):
+    def change(file):
+        file["/fieldmap"].attrs["format_version"] = number
+
+    return change
+
+
+def complete(number):
+    def change(file):
+        file["/fieldmap/completion"].attrs["complete"] = np.uint8(number)
+
+    return change
+
+
+def data_set(shape=(4, 3, 5), dtype="f8", filled=True, **options):
+    """B_1/x anew."""
+
+    def make(file):
+        data = file.create_dataset(BX, shape, dtype, **options)
+        if filled:
+            data[...] = np.zeros(shape)
+
+    return replace(BX, make)
+
+
+def half(file):
+    file[BX][:2] = 0.0
+
+
+def second_name(file):
+    del file["/data/0/meshes/B_1/y"]
+    file["/data/0/meshes/B_1/y"] = file[BX]
+
+
+def error(**numbers):
+    return rewritten(
+        "report", interpolation_error={"flux_density_T": 1e-9, "gradient_T_per_m": 2e-7} | numbers
+    )
+
+
+def magnets(file):
+    """Names of sources that no current drives, in a map that has no field of theirs."""
+    rewritten("header", fixed_sources=["magnet"])(file)
+
+
+no_coils = rewritten("header", coil_names=[], record_names=[])
+LONG = [200 * "b", "b"]
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         (nan_node, "B_1/x: finite numbers; received NaN"),
-        (newer, "file format 1, 2, 3; received format 4"),
-        (of_another_format, "received format 2, and 1 in its header"),
+        (version(4), "file format 1, 2, 3; received format 4"),
+        (version(3), "file format 1, .* received format 3, and 1 in its header"),
+        (version(0), "file format 1, 2, 3; received format 0"),
+        (version(2), "file format 1, .* received format 2, and 1 in its header"),
+        (rewritten("header", format=2), "received format 1, and 2 in its header"),
+        (rewritten("header", format=0), "received format 1, and 0 in its header"),
+        (magnets, "file format 2, .* received format 1, and 1 in its header"),
+        (complete(0), "a complete map; received 1 of 1 parts; go on with it"),
+        (complete(2), "a complete map; received 1 of 1 parts; go on with it"),
+        (hash_of("report", 64 * "0"), "damaged or foreign file \\(/fieldmap/report\\)"),
+        (hash_of("report", 64 * "f"), "damaged or foreign file \\(/fieldmap/report\\)"),
+        (rewritten("header", recipe_sha256=64 * "0"), "the recipe it was made from"),
+        (rewritten("header", recipe_sha256=64 * "f"), "the recipe it was made from"),
+        (rewritten("header", device_sha256=64 * "0"), "the device it was made from"),
+        (rewritten("header", device_sha256=64 * "f"), "the device it was made from"),
+        (
+            rewritten("header", record_names=["2", "upper_left"]),
+            "the records 1, upper_left; received \\['2', 'upper",
+        ),
+        (
+            rewritten("header", record_names=["0", "upper_left"]),
+            "the records 1, upper_left; received \\['0', 'upper",
+        ),
+        (rewritten("header", record_names=["1"]), "the records 1, upper_left; received \\['1'\\];"),
+        (rewritten("header", record_names=LONG), f"received \\['{198 * 'b'}; make"),
+        (rewritten("header", title=3), "title: int in the place"),
+        (rewritten("header", coil_names="ab"), "coil_names: str in the place"),
+        (rewritten("header", constant_field=1), "constant_field: int in the place"),
+        (rewritten("header", versions={"numpy": 2}), "numpy: int in the place"),
+        (error(flux_density_T=-1e-12), "a stated error of \\(-1e-12, 2e-07\\)"),
+        (error(gradient_T_per_m=-1e-12), "a stated error of \\(1e-09, -1e-12\\)"),
+        (error(gradient_T_per_m=float("inf")), "a stated error of"),
+        (error(flux_density_T=float("nan")), "a stated error of"),
+        (second_name, "B_1/[xy]: numbers of its own; received numbers that have another name as well"),
+        (data_set(chunks=(2, 3, 5), compression="gzip"), "B_1/x: stored as it is, .* received a compressed"),
+        (data_set(chunks=(2, 3, 5), shuffle=True, fletcher32=True), "B_1/x: stored as it is"),
+        (data_set(filled=False), "B_1/x: all of its .* received shape \\(4, 3, 5\\) with 0 bytes stored"),
+        (
+            lambda file: (data_set(chunks=(2, 3, 5), filled=False)(file), half(file)),
+            "B_1/x: all of its numbers stored; received shape .* with 240 bytes stored",
+        ),
+        (replace(BX, lambda f: f.__setitem__(BX, h5py.Empty("f8"))), "B_1/x: all of its numbers stored"),
+        (
+            data_set((9, 3, 5)),
+            "B_1/x: float64 numbers of shape \\(4, 3, 5\\); received \\(9, 3, 5\\), float64",
+        ),
+        (
+            data_set(dtype=np.longdouble),
+            "B_1/x: float64 numbers of shape .* received .*, float128|longdouble",
+        ),
+        (data_set(dtype=">f8"), "B_1/x: float64 numbers of shape .* received .*, >f8"),
+        (data_set(dtype="i8"), "B_1/x: float64 numbers; received shape \\(4, 3, 5\\), int64"),
         (wrong_spacing, "B_1, gridSpacing: .* received array"),
         (other_recipe, "the recipe it was made from; received a recipe text with another hash"),
         (edited_header, "damaged or foreign"),
@@ -190,7 +300,7 @@ def no_coils(file):
         (replace(BX, lambda f: None), "B_1/x inside the file"),
         (replace(BX, lambda f: f.create_dataset(BX, data=np.zeros((2, 2, 2)))), "float64 numbers of shape"),
         (replace(BX, lambda f: f.create_dataset(BX, data=np.zeros((4, 3, 5), "f4"))), "float64 numbers"),
-        (replace(BX, lambda f: f.create_group(BX)), "float64 numbers"),
+        (replace(BX, lambda f: f.create_group(BX)), "float64 numbers; received no data set"),
         (replace("/fieldmap/header", lambda f: None), "header inside the file"),
         (replace("/fieldmap/completion", lambda f: None), "completion inside the file"),
     ],
@@ -198,6 +308,98 @@ def no_coils(file):
 def test_edited(path, change, words):
     edited(path, change)
     refused(path, words)
+
+
+@pytest.mark.parametrize(("bytes_", "gradient"), [(0.0, 0.0), (3e-9, 0.0)])
+def test_an_error_of_nothing_is_an_error_too(path, bytes_, gradient):
+    edited(path, error(flux_density_T=bytes_, gradient_T_per_m=gradient))
+    found = read_info(path).interpolation_error
+    assert (found.flux_density, found.gradient) == (bytes_, gradient)
+
+
+def test_plain_arrays_of_another_program_will_do(path, data):
+    """Without blocks and checksums, under a seal."""
+
+    def plain(file):
+        values = file[BX][()]
+        del file[BX]
+        file[BX] = values
+
+    edited(path, plain)
+    np.testing.assert_array_equal(read_map(path).flux_density, data.flux_density)
+
+
+@pytest.mark.parametrize(
+    ("raised", "told"), [(OSError("one\ntwo\nthree"), "(one)"), (OSError(), "(no text)")]
+)
+def test_an_error_of_the_library_is_told_in_one_line(path, raised, told):
+    with (
+        refused_as(MapFileError, where=str(path), received=f"a damaged or foreign file {told}"),
+        opened_map(path),
+    ):
+        raise raised
+
+
+def test_a_reduced_model_is_a_group_and_has_one_parametrisation(tmp_path):
+    path = write_map(tmp_path / "map.h5", make_saturating())
+    raw = path.read_bytes()
+    name = "/fieldmap/reduced_model"
+    edited(path, replace(name, lambda file: file.__setitem__(name, np.zeros(3))))
+    refused(path, "reduced_model: a group; received numbers")
+    path.write_bytes(raw)
+    edited(
+        path,
+        replace(
+            f"{name}/division_exponent", lambda file: file.__setitem__(f"{name}/division_exponent", [2.0])
+        ),
+    )
+    refused(path, f"one parametrisation of the currents, .*{re.escape(repr(LiftAndDirections(2.0)))} as well")
+    path.write_bytes(raw)
+    edited(path, replace(f"{name}/fixed", lambda file: None))
+    refused(path, "reduced_model: a background that both the iron and the air have, or neither")
+
+
+def test_shipped_maps_have_names(tmp_path, monkeypatch):
+    """A name without folder and ending; a file of that name comes first."""
+    monkeypatch.chdir(tmp_path)
+    shipped = map_path("sample")
+    assert (shipped.name, shipped.is_file()) == ("sample.h5", True)
+    for name in ("zoo/sample", "a/sample", "./sample", "sample.h5", "no_such"):
+        assert map_path(name) == Path(name)
+    (tmp_path / "sample").touch()
+    assert map_path("sample") == Path("sample")
+
+
+@pytest.mark.parametrize("length", [0, 1, 255, 3_000_000])
+def test_the_seal_is_a_line_of_text(tmp_path, length):
+    path = tmp_path / "file"
+    raw = bytes(range(256)) * (length // 256) + bytes(length % 256)
+    path.write_bytes(raw)
+    assert not is_sealed(path)
+    for _ in range(2):
+        seal_map(path)
+        assert is_sealed(path)
+        check_seal(path)
+        line = f"\n# sealed by fieldmap: {length:016x} {hashlib.sha256(raw).hexdigest()}\n"
+        assert path.read_bytes() == raw + line.encode()
+    # Of other hexadecimal digits, another length of the file, or without its end it is none that fits.
+    for wrong in (line[:-1] + "x", line[1:], line.replace(" sealed", " Sealed"), line.replace(": ", ": g")):
+        path.write_bytes(raw + wrong.encode())
+        assert not is_sealed(path)
+    for other in (raw + b"\1", raw[:-1] or b"\1\2"):
+        path.write_bytes(other + line.encode())
+        with refused_as(MapFileError, received="a damaged file"):
+            check_seal(path)
+    if raw:
+        for place in (0, length // 2, length - 1):
+            changed = raw[:place] + bytes([raw[place] ^ 1]) + raw[place + 1 :]
+            path.write_bytes(changed + line.encode())
+            with refused_as(MapFileError, received="not that of its seal"):
+                check_seal(path)
+    for digest in (64 * "0", 64 * "f"):
+        path.write_bytes(raw + (line[: -len(digest) - 1] + digest + "\n").encode())
+        with refused_as(MapFileError, received="not that of its seal"):
+            check_seal(path)
 
 
 def test_numbers_are_not_taken_from_another_file(path, tmp_path, make_map):

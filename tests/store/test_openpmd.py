@@ -1,5 +1,7 @@
 """What other programs see: the openPMD validator, and openPMD-beamphysics' FieldMesh."""
 
+import hashlib
+import json
 import re
 import sys
 import time
@@ -10,6 +12,7 @@ import numpy as np
 import pytest
 
 from fieldmap.store import write_map
+from tests.store.conftest import make_model, make_saturating
 
 
 def validated(path, monkeypatch, capsys):
@@ -121,9 +124,143 @@ def test_meshes_state_grid_axes_and_order(file, data):
     assert isinstance(link, h5py.SoftLink)
 
 
-def test_sources_can_be_read_with_their_hashes(file):
-    import hashlib
+def attributes(item):
+    return {name: value.decode() if isinstance(value, bytes) else value for name, value in item.attrs.items()}
 
+
+def same(found, wanted):
+    assert found.keys() == wanted.keys()
+    for name, value in wanted.items():
+        np.testing.assert_array_equal(found[name], value, err_msg=name)
+
+
+def test_every_attribute_of_the_standard(file):
+    """Powers of length, mass, time, current, temperature, amount and luminous intensity: T is kg / (s^2 A)."""
+    same(
+        attributes(file),
+        {
+            "openPMD": "1.1.0",
+            "openPMDextension": 0,
+            "basePath": "/data/%T/",
+            "meshesPath": "meshes/",
+            "iterationEncoding": "groupBased",
+            "iterationFormat": "/data/%T/",
+            "author": "fieldmap",
+            "software": "fieldmap",
+            "softwareVersion": "0.1.0",
+            "softwareDependencies": "fieldmap 0.1.0; numpy 2",
+            "date": "2026-01-02 03:04:05 +0000",
+            "comment": "A map for tests, 20 °C",
+            "externalFieldPath": "/ExternalFieldPath/%T/",
+        },
+    )
+    same(attributes(file["/data/0"]), {"time": 0.0, "dt": 0.0, "timeUnitSI": 1.0})
+    grid = {"gridSpacing": [0.004, 0.005, 0.0031], "gridGlobalOffset": [-0.02, 0.01, -0.14]}
+    units = {"B": [0, 1, -2, -1, 0, 0, 0], "gradB": [-1, 1, -2, -1, 0, 0, 0]}
+    comments = {
+        "B": "total, every coil at its reference current",
+        "B_upper_left": 'flux density of coil "upper left" alone at 2 A',
+        "gradB_upper_left": 'gradient of the flux density of coil "upper left" alone at 2 A; component xy is dB_x/dy',
+    }
+    for name, comment in comments.items():
+        record, unit = file[f"/data/0/meshes/{name}"], units[name.split("_")[0]]
+        of = (
+            {"referenceCurrent": 2.0, "coilName": "upper left"}
+            if "_" in name
+            else {"referenceCurrent": [2.0] * 3}
+        )
+        about = {"geometry": "cartesian", "dataOrder": "C", "axisLabels": np.array([b"x", b"y", b"z"])}
+        about |= {"gridUnitSI": 1.0, "timeOffset": 0.0, "unitDimension": unit, "comment": comment}
+        same(attributes(record), grid | of | about)
+        for component in record.values():
+            same(attributes(component), {"unitSI": 1.0, "position": [0.0] * 3, "unitDimension": unit})
+            assert component.chunks == (4, 3, 5)
+    same(
+        attributes(file["ExternalFieldPath/2"]),
+        {
+            "eleAnchorPt": "beginning",
+            "gridGeometry": "rectangular",
+            "axisLabels": np.array([b"x", b"y", b"z"]),
+            "gridLowerBound": [0, 0, 0],
+            "gridOriginOffset": [-0.02, 0.01, -0.14],
+            "gridSpacing": [0.004, 0.005, 0.0031],
+            "gridSize": [4, 3, 5],
+            "harmonic": 0,
+            "fieldScale": 1.0,
+            "masterParameter": "I_upper_left",
+        },
+    )
+
+
+def test_chunks_are_whole_planes(make_map, tmp_path):
+    with h5py.File(write_map(tmp_path / "map.h5", make_map(shape=(9, 20, 30)))) as opened:
+        assert opened["/data/0/meshes/B_1/x"].chunks == (1, 20, 30)
+        assert opened["/fieldmap/completion/chunks"][()].tolist() == [1] * 9
+        assert opened["/fieldmap/completion"].attrs["complete"] == 1
+
+
+def test_fields_of_iron_and_a_background_for_other_programs(tmp_path):
+    data = make_saturating()
+    with h5py.File(write_map(tmp_path / "map.h5", data)) as opened:
+        assert opened["/fieldmap"].attrs["format_version"] == 2
+        records = ["upper_left", "1", *(f"iron_mode_{k}" for k in (1, 2, 3, 4, 5)), "no_current"]
+        scales, weights = [0.3, 7.0, *[1.0] * 6], [1, 1, 0.5, -1.5, 2.5, 3.5, -4.5, 1]
+        total = np.zeros((4, 3, 5, 3))
+        for number, (record, scale) in enumerate(zip(records, scales, strict=True)):
+            link = opened[f"/ExternalFieldPath/{number + 1}"]
+            assert link.attrs["masterParameter"].decode() == (
+                "none" if record == "no_current" else f"I_{record}"
+            )
+            assert link.get("magneticField", getlink=True).path == f"/data/0/meshes/B_{record}"
+            assert opened[f"/data/0/meshes/gradB_{record}"].attrs["referenceCurrent"] == scale
+            total += weights[number] * scale * data.flux_density[number]
+        assert len(opened["/ExternalFieldPath"]) == 8
+        for c, name in enumerate("xyz"):
+            np.testing.assert_allclose(
+                opened[f"/data/0/meshes/B/{name}"], total[..., c], rtol=1e-12, atol=1e-14
+            )
+        comments = [opened[f"/data/0/meshes/B_{name}"].attrs["comment"].decode() for name in records]
+        assert comments[:3] == [
+            'flux density of coil "upper left" alone at 0.3 A, without iron',
+            'flux density of coil "1" alone at 7 A, without iron',
+            "flux density of saturating iron, iron mode 1 at weight 1",
+        ]
+        assert comments[-1] == "flux density of what no current drives: magnet, background"
+        header = json.loads(opened["/fieldmap/header"][()])
+        assert (header["fixed_sources"], header["constant_field"]) == (["magnet", "background"], True)
+    free = make_saturating(
+        make_model(fixed=np.zeros(0)),
+        constant_field=False,
+        flux_density=data.flux_density[:7],
+        gradient=data.gradient[:7],
+    )
+    with h5py.File(write_map(tmp_path / "free.h5", free)) as opened:
+        assert json.loads(opened["/fieldmap/header"][()])["constant_field"] is False
+
+
+def test_the_texts_are_readable(file):
+    """As they are, one key in each line."""
+    lines = file["/fieldmap/header"][()].decode().splitlines()
+    assert ' "title": "A map for tests, 20 °C",' in lines
+    header = json.loads(" ".join(lines))
+    assert header["format"] == file["/fieldmap"].attrs["format_version"] == 1
+    assert (header["coil_names"], header["record_names"]) == (
+        ["1", "upper left", "Spule ø"],
+        ["1", "upper_left", "Spule__"],
+    )
+    assert (header["lower_m"], header["spacing_m"]) == ([-0.02, 0.01, -0.14], [0.004, 0.005, 0.0031])
+    assert (header["shape"], header["planes_per_chunk"], header["reference_current_A"]) == (
+        [4, 3, 5],
+        4,
+        [2.0] * 3,
+    )
+    report = json.loads(file["/fieldmap/report"][()])
+    assert report["interpolation_error"] == {"flux_density_T": 1e-9, "gradient_T_per_m": 2e-7}
+    assert report["error_bounds"]["harmonic"] == {"flux_density_T": 2e-9, "gradient_T_per_m": 3e-7}
+    assert report["current_error"] is None
+
+
+def test_sources_can_be_read_with_their_hashes(file):
     for name, text in (("recipe", "spacing_mm = 4\n"), ("device", 'title = "µ-metal"\n')):
         stored = file[f"/fieldmap/{name}"]
         assert stored[()].decode() == text

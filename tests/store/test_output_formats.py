@@ -1,12 +1,15 @@
 """Which paths may be written: by their ending, by what lies there, by what else is read or written."""
 
+import errno
 import os
+import socket
 
 import pytest
 
-from fieldmap.errors import InputError
-from fieldmap.store.output_formats import output_problems
-from fieldmap.store.whole_files import whole_file, write_whole
+from fieldmap.errors import FieldmapError, InputError
+from fieldmap.store.output_formats import FORMATS, output_problems
+from fieldmap.store.whole_files import disk_errors, whole_file, write_whole
+from tests.refusals import refused
 
 TABLE = "# A field\n# device: unit\n# frame: m\n"
 
@@ -17,7 +20,7 @@ def fault(path, *formats, others=()):
 
 
 def test_a_table_replaces_a_table_alone(tmp_path):
-    path = tmp_path / "new" / "a.csv"
+    path = tmp_path / "new" / "folder" / "a.csv"
     write_whole(path, TABLE, "table of a field")
     write_whole(path, TABLE + "1\n", "table of a field")
     assert path.read_text() == TABLE + "1\n"
@@ -39,9 +42,83 @@ def test_a_failure_leaves_what_was_there(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.parametrize(
+    ("formats", "told"),
+    [
+        (["device"], "must end in .toml"),
+        (["map"], "must end in .h5 or .hdf5"),
+        (["figure"], "must end in .png, .svg or .pdf"),
+        (["map", "recorded run"], "must end in .h5, .hdf5 or .csv"),
+        (["map", "recorded runs"], "must end in .h5 or .hdf5"),
+    ],
+)
+def test_endings(tmp_path, formats, told):
+    for name in ("a.xyz", ".h5", "h5", "a.h5.bak"):
+        assert fault(tmp_path / name, *formats) == told
+    for ending in {one for name in formats for one in FORMATS[name].endings}:
+        assert fault(tmp_path / f"a{ending}", *formats) == ""
+
+
+def test_places_that_cannot_be_written(tmp_path, monkeypatch):
+    """Nearest folder that is there; a file in its place; what lies there and cannot be read."""
+    asked = []
+    monkeypatch.setattr("os.access", lambda folder, mode: asked.append((folder, mode)))
+    (problem,) = output_problems("-o", tmp_path / "new" / "folder" / "a.h5", ["map"])
+    assert asked == [(tmp_path, os.W_OK)]
+    assert problem.received.endswith(f"{tmp_path} is not writable")
+    monkeypatch.undo()
+    (tmp_path / "file").touch()
+    (problem,) = output_problems("-o", tmp_path / "file" / "folder" / "a.h5", ["map"])
+    assert problem.received.endswith(f"{tmp_path / 'file'} is a file")
+    monkeypatch.chdir(tmp_path)
+    with socket.socket(socket.AF_UNIX) as unreadable:
+        unreadable.bind("a.h5")
+        assert "another origin: it may replace a map or recorded runs" in fault(
+            "a.h5", "map", "recorded runs"
+        )
+    with refused(InputError, where="file/a.h5", must_hold="a folder that can be written"):
+        write_whole("file/a.h5", b"", "map")
+
+
+def test_text_and_bytes_are_written_as_they_are(tmp_path):
+    for content, raw in ((TABLE + "µ\r\n", (TABLE + "µ\r\n").encode()), (b"\xff\x00", b"\xff\x00")):
+        name = tmp_path / ("a.csv" if isinstance(content, str) else "a.png")
+        assert (
+            write_whole(name, content, "table of a field" if isinstance(content, str) else "picture") == name
+        )
+        assert name.read_bytes() == raw
+
+
+@pytest.mark.parametrize(
+    ("raised", "told"), [(OSError("words"), "words"), (OSError(errno.EIO, "failed"), "failed")]
+)
+def test_a_place_that_fails_while_it_is_written(tmp_path, raised, told):
+    with (
+        refused(InputError, where=str(tmp_path / "a.csv"), received=told),
+        whole_file(tmp_path / "a.csv", "table of a field"),
+    ):
+        raise raised
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("raised", "told"),
+    [
+        (OSError(errno.ENOSPC, "full"), "full"),
+        (OSError("one\ntwo\nthree"), "one"),
+        (RuntimeError("one\ntwo\nthree"), "one"),
+        (RuntimeError(), "RuntimeError"),
+        (OSError(), "OSError"),
+    ],
+)
+def test_errors_of_the_disk_are_told_in_one_line(raised, told):
+    with refused(FieldmapError, where="a.h5", received=told) as caught, disk_errors("a.h5"):
+        raise raised
+    assert caught.value.exit_code == 1
+    assert len(caught.value.problems) == 1
+
+
 def test_names_folders_and_other_files(tmp_path):
-    assert "must end in .h5 or .hdf5" in fault(tmp_path / "a.csv", "map")
-    assert "must end in" in fault(tmp_path / ".h5", "map")
     (tmp_path / "a.h5").mkdir()
     assert fault(tmp_path / "a.h5", "map") == "must be a file"
     (tmp_path / "b.h5").touch()
@@ -49,4 +126,14 @@ def test_names_folders_and_other_files(tmp_path):
     os.link(tmp_path / "b.h5", tmp_path / "linked.h5")
     assert "is read" in fault(tmp_path / "b.h5", "map", others=["x" * 5000, tmp_path / "linked.h5"])
     assert "is read" in fault(tmp_path / "c.h5", "map", others=[tmp_path / "new" / ".." / "c.h5"])
+    assert (
+        fault(
+            tmp_path / "c.h5", "map", others=[tmp_path / "b.h5", tmp_path / "d.h5", tmp_path / "new" / "c.h5"]
+        )
+        == ""
+    )
+    assert (
+        fault(tmp_path / "b.h5", "map", others=[tmp_path / "a.h5", tmp_path / "d.h5", tmp_path / "e.csv"])
+        == ""
+    )
     assert "folder" in fault(tmp_path / "b.h5" / "c.h5", "map")

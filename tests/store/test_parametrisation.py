@@ -13,7 +13,12 @@ from fieldmap.store.map_format import REDUCED_MODEL
 from tests.dynamics.conftest import saturating_data
 
 ATTRIBUTE = "parametrisation"
-ALL = [IndependentCurrents(6), LiftAndDirections(1.25), CoilGroups(((0, 1, 2), (3, 4, 5)))]
+ALL = [
+    IndependentCurrents(6),
+    LiftAndDirections(1.25),
+    LiftAndDirections(1.25, 4.0),
+    CoilGroups(((0, 1, 2), (3, 4, 5))),
+]
 
 
 def saturating_map(parametrisation):

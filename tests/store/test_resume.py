@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fieldmap.errors import FieldmapError
-from fieldmap.store import checkpoint_path, open_writer, read_map, write_map
+from fieldmap.store import FieldError, checkpoint_path, open_writer, read_map, write_map
 from tests.store.conftest import numbers_in
 
 # Writes the map of conftest.py (9 chunks) and kills itself at the n-th time that something reaches the disk, before
@@ -148,6 +148,24 @@ def test_begun_anew_on_request(large, tmp_path):
     with open_writer(tmp_path / "map.h5", large, resume=False) as writer:
         assert writer.resumed == 0
         assert writer.note
+
+
+def test_a_map_in_memory_is_written_as_it_is(large, tmp_path):
+    """Nothing is read from the parts; what a run states beside the numbers is kept."""
+    bounds = {"harmonic": FieldError(3e-9, 5e-7)}
+    with open_writer(tmp_path / "map.h5", large) as writer:
+        path = writer.finish({"iterations": 7}, ("linear",), FieldError(1e-9, 2e-7), bounds, data=large)
+    found = read_map(path)
+    np.testing.assert_array_equal(found.flux_density, large.flux_density)
+    assert (found.provenance.solver_report, found.provenance.assumptions) == ({"iterations": 7}, ("linear",))
+    assert (found.interpolation_error, found.error_bounds) == (FieldError(1e-9, 2e-7), bounds)
+    assert os.listdir(tmp_path) == ["map.h5"]
+
+
+def test_a_part_that_is_missing_cannot_be_read(large, tmp_path):
+    half_written(tmp_path / "map.h5", large)
+    with open_writer(tmp_path / "map.h5", large) as writer, pytest.raises(KeyError):
+        writer.read(writer.chunks[5])
 
 
 def test_numbers_that_are_not_finite_are_not_written(large, tmp_path):

@@ -1,12 +1,16 @@
 """What is written is what is read."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from fieldmap.errors import MapFileError
 from fieldmap.store import FieldError, checkpoint_path, open_writer, read_info, read_map, write_map
 from fieldmap.store.map_format import record_names
+from tests.refusals import refused
+from tests.store.conftest import make_saturating
 
 
 def test_everything_comes_back(data, tmp_path):
@@ -23,6 +27,43 @@ def test_everything_comes_back(data, tmp_path):
     assert again.error_bounds == {"harmonic": FieldError(2e-9, 3e-7), "global": FieldError(1e-9, 2e-7)}
     assert not checkpoint_path(path).exists()
     assert read_info(path).provenance == data.provenance
+
+
+def test_fields_of_iron_and_a_background_come_back(tmp_path):
+    """To the bit as the map in memory says they will: a current of 0.3 A rounds."""
+    data = make_saturating()
+    path = write_map(tmp_path / "map.h5", data)
+    again, expected = read_map(path), data.as_read()
+    for name in ("flux_density", "gradient"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(expected, name))
+        np.testing.assert_allclose(getattr(expected, name), getattr(data, name), rtol=4e-16)
+    assert (again.fixed_sources, again.constant_field) == (("magnet", "background"), True)
+    assert again.current_error == read_info(path).current_error == FieldError(4e-6, 5e-3)
+    assert (again.interpolation_error, again.error_bounds) == (None, {})
+    assert again.field_names == data.field_names
+
+
+@pytest.mark.parametrize(
+    ("value", "written"),
+    [(1e15, True), (-1e15, True), (1.001e15, False), (-1.001e15, False), (np.nan, False)],
+)
+@pytest.mark.parametrize("name", ["flux_density", "gradient"])
+def test_numbers_of_edges_and_wires_are_no_field(large, tmp_path, name, value, written):
+    """1e15 T is the most; the fifth of nine planes is named."""
+    values = getattr(large, name).copy()
+    values[1, 4, 2, 3, -1] = value
+    data = replace(large, **{name: values})
+    if written:
+        write_map(tmp_path / "map.h5", data)
+        return
+    with refused(MapFileError, where="map.h5, x-planes 4 to 4"):
+        write_map(tmp_path / "map.h5", data)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def large(make_map):
+    return make_map(shape=(9, 20, 30))
 
 
 def test_another_reference_current_gives_the_same_unit_fields(make_map, tmp_path):

@@ -1,6 +1,8 @@
 """`check_map` and `fieldmap check MAP`: a sound map passes, and everything that is wrong is named, all at once."""
 
 import json
+from dataclasses import replace
+from math import prod
 
 import h5py
 import numpy as np
@@ -9,13 +11,14 @@ import pytest
 from fieldmap.cli import main
 from fieldmap.errors import MapFileError
 from fieldmap.store import FieldError, Grid, MapData, Provenance, check_map, seal_map, write_map
+from tests.store.conftest import make_saturating
 
 BX = "/data/0/meshes/B_upper/x"
 
 
-def harmonic_map(**changes):
+def harmonic_map(shape=(4, 5, 3), **changes):
     """B = grad of x^2 - y^2 + z^3 - 3 z x^2 and of x y z: polynomials that Simpson's rule integrates exactly."""
-    grid = Grid([-0.01, 0.0, 0.02], [0.005, 0.004, 0.003], (4, 5, 3))
+    grid = Grid([-0.01, 0.0, 0.02], [0.005, 0.004, 0.003], shape)
     x, y, z = grid.points().T
     zero = 0 * x
     flux = np.stack(
@@ -37,8 +40,8 @@ def harmonic_map(**changes):
             "harmonic", "rig", "spacing_mm = 4\n", "[rig]\n", "abc", {"fieldmap": "0"}, created="now"
         ),
         "interpolation_error": FieldError(1e-9, 1e-7),
-        "flux_density": flux.reshape(2, 4, 5, 3, 3),
-        "gradient": slope.reshape(2, 4, 5, 3, 3, 3),
+        "flux_density": flux.reshape(2, *shape, 3),
+        "gradient": slope.reshape(2, *shape, 3, 3),
     }
     return MapData(**(given | changes))
 
@@ -58,20 +61,200 @@ def test_a_sound_map(path):
     assert check.notes == ()
 
 
-def test_what_is_missing_but_allowed_is_noted(tmp_path):
-    path = write_map(tmp_path / "map.h5", harmonic_map(provenance=Provenance(), interpolation_error=None))
-    notes = " ".join(check_map(path).notes)
-    assert all(word in notes for word in ("fingerprint", "versions", "recipe", "device", "error"))
+TRIED = {"flux_density_share": 0.03, "gradient_share": 0.01, "states": 4}
+BOUND = {"harmonic": FieldError(1e-9, 1e-7)}
 
 
-def problems_after(path, change):
+@pytest.mark.parametrize(
+    ("changes", "about", "word"),
+    [
+        ({}, {}, ""),
+        ({}, {"fingerprint": ""}, "fingerprint"),
+        ({}, {"versions": {}}, "versions"),
+        ({}, {"recipe_text": ""}, "recipe"),
+        ({}, {"device_text": ""}, "device file"),
+        ({"interpolation_error": None}, {}, "error stated"),
+        ({"interpolation_error": None, "error_bounds": BOUND}, {}, ""),
+        ({"error_bounds": BOUND}, {}, ""),
+        ({}, {"solver_report": {"held_out_within": 0.02, "states_tried": {"a": TRIED}}}, "off by up to 3 %"),
+        ({}, {"solver_report": {"held_out_within": 0.03, "states_tried": {"a": TRIED}}}, ""),
+    ],
+)
+def test_what_is_missing_but_allowed_is_noted(tmp_path, changes, about, word):
+    data = harmonic_map(**changes)
+    path = write_map(tmp_path / "map.h5", replace(data, provenance=replace(data.provenance, **about)))
+    notes = check_map(path).notes
+    assert len(notes) == bool(word)
+    assert word in " ".join(notes)
+
+
+def relative(values):
+    return np.abs(values).max()
+
+
+@pytest.mark.parametrize("shape", [(4, 5, 3), (2, 2, 3), (3, 2, 2), (2, 4, 2), (3, 3, 2)])
+def test_the_deviations_are_the_largest_and_relative(tmp_path, shape):
+    """Each put into one node of one field, a smaller one into the other: shares of the largest of that field. Of
+    polynomials of third degree a step of B over two cells is the integral to the last bit."""
+    data = harmonic_map(shape)
+    flux, slope = data.flux_density.copy(), data.gradient.copy()
+    largest = relative(slope[0]), relative(slope[1])
+    steps = []
+    for field in data.flux_density:
+        parts = [np.moveaxis(field, k, 0) for k in range(3) if shape[k] >= 3]
+        steps.append(max(relative(part[2:] - part[:-2]) for part in parts))
+    # Small ones in the nodes that the smaller field has largest stay below.
+    slope[0, 1, 1, 1, 1, 1] += 3e-5 * largest[0]
+    slope[1, 0, 1, 0, 2, 2] -= 7e-5 * largest[1]
+    slope[0, 0, 0, 1, 0, 1] += 9e-5 * largest[0]
+    slope[1, 1, 0, 0, 2, 1] += 2e-5 * largest[1]
+    flux[0, -1, -1, -1, 2] += 0.02 * steps[0]
+    flux[1, -1, -1, -1, 0] += 0.04 * steps[1]
+    path = write_map(tmp_path / "map.h5", replace(data, flux_density=flux, gradient=slope))
+    total = 2.0 * flux[0] + 0.5 * flux[1]
+    with h5py.File(path, "r+") as file:
+        file["/data/0/meshes/B/y"][1, 1, 1] += 4e-10 * relative(total)
+        file["/data/0/meshes/B/z"][0, 1, 0] -= 8e-10 * relative(total)
+    seal_map(path)
+    found = check_map(path)
+    assert found.divergence == pytest.approx(7e-5, rel=1e-3)
+    assert found.curl == pytest.approx(9e-5, rel=1e-3)
+    assert found.values_and_gradients == pytest.approx(0.04, rel=2e-3)
+    assert found.total == pytest.approx(8e-10, rel=1e-4)
+    told = found.to_dict()
+    names = ("divergence", "curl", "values_and_gradients", "total", "bytes", "data_sets")
+    assert [told[name] for name in names] == [getattr(found, name) for name in names]
+    assert (told["title"], told["device"], told["fingerprint"], told["created"]) == (
+        "harmonic",
+        "rig",
+        "abc",
+        "now",
+    )
+    assert told["grid"] == {"lower": [-0.01, 0.0, 0.02], "spacing": [0.005, 0.004, 0.003], "shape": [*shape]}
+    assert told["interpolation_error"] == {"flux_density": 1e-9, "gradient": 1e-7}
+
+
+def test_a_grid_of_two_nodes_has_no_steps_over_two_cells(tmp_path):
+    assert check_map(write_map(tmp_path / "map.h5", harmonic_map((2, 2, 2)))).values_and_gradients is None
+
+
+LIMITS = {
+    "divergence": (1e-4, "field of 'lower'"),
+    "curl": (1e-4, "field of 'lower'"),
+    "values against gradients": (0.05, "field of 'lower'"),
+    "total against sum": (1e-9, "total field"),
+}
+
+
+@pytest.mark.parametrize("share", [0.97, 1.03])
+@pytest.mark.parametrize("what", LIMITS)
+def test_limits(tmp_path, what, share):
+    """1e-4, 1e-4, 5 % and 1e-9, as the page on map files says."""
+    data = harmonic_map((2, 2, 3))
+    flux, slope = data.flux_density.copy(), data.gradient.copy()
+    if what in ("divergence", "curl"):
+        slope[1, 0, 0, 0, 2, 2 if what == "divergence" else 0] += share * 1e-4 * relative(slope[1])
+    if what == "values against gradients":
+        flux[1, 0, 0, 2, 1] += share * 0.05 * relative(flux[1][:, :, 2] - flux[1][:, :, 0])
+    path = write_map(tmp_path / "map.h5", replace(data, flux_density=flux, gradient=slope))
+    if what == "total against sum":
+        with h5py.File(path, "r+") as file:
+            file["/data/0/meshes/B/x"][0, 0, 0] += share * 1e-9 * relative(2.0 * flux[0] + 0.5 * flux[1])
+        seal_map(path)
+    if share < 1.0:
+        check_map(path)
+        return
+    with pytest.raises(MapFileError) as caught:
+        check_map(path)
+    (problem,) = caught.value.problems
+    limit, of = LIMITS[what]
+    assert of in problem.must_hold
+    assert problem.must_hold.endswith(f": {what} up to {limit:g} of the largest")
+    assert float(problem.received) == pytest.approx(share * limit, rel=2e-3)
+
+
+def test_a_deviation_of_the_limit_itself_is_allowed(tmp_path):
+    """The largest gradient is 1 T/m, the trace 1e-4 T/m, both to the last bit."""
+    slope = np.zeros((1, 2, 2, 2, 3, 3))
+    slope[..., 0, 1] = slope[..., 1, 0] = 1.0
+    slope[..., 0, 0] = 1e-4
+    grid = Grid([0, 0, 0], [1, 1, 1], (2, 2, 2))
+    data = MapData(grid, ("a",), [1.0], flux_density=np.zeros((1, 2, 2, 2, 3)), gradient=slope)
+    assert check_map(write_map(tmp_path / "map.h5", data)).divergence == 1e-4
+
+
+def test_without_a_field_deviations_are_absolute(tmp_path):
+    """There is no largest to relate them to."""
+    nothing = harmonic_map(flux_density=np.zeros((2, 4, 5, 3, 3)), gradient=np.zeros((2, 4, 5, 3, 3, 3)))
+    path = write_map(tmp_path / "map.h5", nothing)
+    found = check_map(path)
+    assert (found.divergence, found.curl, found.values_and_gradients, found.total) == (0.0, 0.0, 0.0, 0.0)
+
+    def change(file):
+        file["/data/0/meshes/B_upper/y"][0, 0, 0] = 0.25
+        file["/data/0/meshes/B_lower/y"][0, 0, 0] = -0.25
+        file["/data/0/meshes/B/x"][0, 0, 0] = 0.5
+
+    caught = problems_after(path, change, told=True)
+    assert [problem.received for problem in caught] == ["0.25", "0.25", "0.5"]
+
+
+def test_the_weights_of_the_total(tmp_path):
+    """Random numbers are no magnetic field; but their total is what it should be."""
+    path = write_map(tmp_path / "map.h5", make_saturating())
+    with pytest.raises(MapFileError) as caught:
+        check_map(path)
+    told = [problem.must_hold for problem in caught.value.problems]
+    assert len(told) == 8 * 3
+    assert not any("total" in text for text in told)
+
+
+@pytest.mark.parametrize(
+    ("flags", "received"),
+    [
+        ([1, 1], "2 of 2"),
+        ([1, 1, 1, 1], "4 of 4"),
+        ([[1, 1, 1]], "3 of 3"),
+        ([1, 0, 1], "2 of 3"),
+        ([1, 2, 1], "3 of 3"),
+    ],
+)
+def test_every_part_is_flagged_once(tmp_path, flags, received):
+    """2500 nodes in x-planes of 500: three parts of at most two planes."""
+    shape = (5, 20, 25)
+    path = write_map(tmp_path / "map.h5", harmonic_map(shape))
+    assert check_map(path).info.grid.size == prod(shape)
+
+    def change(file):
+        del file["/fieldmap/completion/chunks"]
+        file["/fieldmap/completion/chunks"] = np.array(flags, np.uint8)
+
+    (problem,) = problems_after(path, change, told=True)
+    assert (problem.must_hold, problem.received) == ("every part flagged as written", received)
+
+
+def test_what_cannot_be_read_is_named_in_one_line(path):
+    """A wrong byte in a block, below its checksum: the other data sets are checked all the same."""
+    with h5py.File(path) as file:
+        place = file["/data/0/meshes/gradB_upper/yz"].id.get_chunk_info(0).byte_offset
+    raw = bytearray(path.read_bytes())
+    raw[place + 5] ^= 1
+    path.write_bytes(raw)
+    (problem,) = problems_after(path, lambda file: None, told=True)
+    assert problem.must_hold == "/data/0/meshes/gradB_upper/yz: undamaged"
+    assert problem.received.startswith("what cannot be read (OSError: ")
+    assert "\n" not in problem.received
+
+
+def problems_after(path, change, told=False):
+    """What must hold of each problem; told: the problems themselves."""
     with h5py.File(path, "r+") as file:
         change(file)
     seal_map(path)
     with pytest.raises(MapFileError) as caught:
         check_map(path)
     assert all(problem.where == str(path) and problem.remedy for problem in caught.value.problems)
-    return [problem.must_hold for problem in caught.value.problems]
+    return caught.value.problems if told else [problem.must_hold for problem in caught.value.problems]
 
 
 def scale(path, factor):
@@ -88,9 +271,12 @@ def attribute(path, name, value):
     return change
 
 
-def relink(file):
-    del file["/ExternalFieldPath/2/magneticField"]
-    file["/ExternalFieldPath/2/magneticField"] = h5py.SoftLink("/data/0/meshes/B_upper")
+def relink(number, link):
+    def change(file):
+        del file[f"/ExternalFieldPath/{number}/magneticField"]
+        file[f"/ExternalFieldPath/{number}/magneticField"] = link or file["/data/0/meshes/B_upper"]
+
+    return change
 
 
 def exchange(file):
@@ -118,7 +304,13 @@ def exchange(file):
         ),
         (attribute("/data/0/meshes/gradB_lower", "referenceCurrent", 3.0), "referenceCurrent: 0.5"),
         (attribute("/data/0/meshes/gradB_lower", "coilName", np.bytes_(b"upper")), "coilName: b'lower'"),
-        (relink, "a soft link to /data/0/meshes/B_lower"),
+        (relink(2, h5py.SoftLink("/data/0/meshes/B_upper")), "a soft link to /data/0/meshes/B_lower"),
+        (relink(1, h5py.SoftLink("/data/0/meshes/B_lower")), "a soft link to /data/0/meshes/B_upper"),
+        (
+            relink(1, h5py.ExternalLink("other.h5", "/data/0/meshes/B_upper")),
+            "a soft link to /data/0/meshes/B_up",
+        ),
+        (relink(1, None), "a soft link to /data/0/meshes/B_upper"),
     ],
 )
 def test_each_thing_that_is_wrong_is_named(path, change, words):
