@@ -9,14 +9,14 @@ from scipy.optimize import linprog, minimize
 from fieldmap.currents import CoilGroups, IndependentCurrents, LiftAndDirections
 from fieldmap.device.model import Arctangent
 from fieldmap.device.payload import SoftSphere
-from fieldmap.errors import Infeasible, InputError, OutsideMapError, Problem
+from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.iron import NonlinearSolver
 from fieldmap.lookup import MagneticBody, currents_for, interpolate, magnetic_body
 from fieldmap.lookup.current_model import CurrentSearch
 from fieldmap.lookup.demand import Demand, demand_of
 from fieldmap.lookup.inverse import best_of, least_power_currents
 from fieldmap.lookup.inverse_problem import SumOfFields, Variables
-from fieldmap.lookup.inverse_search import Search
+from fieldmap.lookup.inverse_search import Search, linear_currents
 from fieldmap.store import Grid, MapData
 from tests.dynamics.conftest import saturating_map
 from tests.iron.test_differential_inductance import device as core_beside_magnet
@@ -147,6 +147,134 @@ def goal(wanted, limit, about):
     demand = SimpleNamespace(names=("B",), values=np.array([wanted]), text=str)
     variables = Variables(tuple("ab")[:coils], -np.array(limit), np.array(limit), np.ones(coils))
     return SimpleNamespace(demand=demand, variables=variables, about=about, evaluations=0)
+
+
+def linear(matrix, constant, wanted, low, high):
+    """A goal of flux densities matrix @ currents + constant."""
+    matrix, constant, coils = np.array(matrix, float), np.array(constant, float), len(matrix[0])
+    demand = Demand(("Bx", "By")[: len(matrix)], np.zeros((len(matrix), 12)), np.array(wanted, float))
+    variables = Variables(
+        tuple("abc")[:coils], np.array(low, float), np.array(high, float), np.array([1.0, 4.0, 9.0])[:coils]
+    )
+    return SimpleNamespace(
+        demand=demand, variables=variables, about=lambda i: (matrix @ i + constant, matrix), evaluations=0
+    )
+
+
+@pytest.mark.parametrize("size", [1.0, 1e6, 1e-6])
+@pytest.mark.parametrize(
+    ("constant", "wanted", "high", "share"),
+    # Of two coils that give 1 and 2 for each ampere, within -0.5 and 1, -1 and `high`.
+    [
+        (0.0, 6.0, 1.0, 0.5),
+        (1.0, 6.0, 1.0, 4.0 / 6.0),
+        (-1.0, 6.0, 1.0, 2.0 / 6.0),
+        (0.0, -5.0, 1.0, 0.5),
+        (-7.0, 6.0, 1.0, None),
+        (0.0, 3.001, 1.0, 3.0 / 3.001),
+        (0.0, 1.7, 0.25, 1.5 / 1.7),
+    ],
+)
+def test_the_share_of_a_demand_within_limits_is_that_of_the_ends(constant, wanted, high, share, size):
+    goal = linear([[1.0 / size, 2.0 / size]], [constant], [wanted], [-0.5 * size, -size], [size, high * size])
+    with pytest.raises(Infeasible) as caught:
+        linear_currents(goal)
+    error, ends = caught.value, (size, high * size) if wanted > 0 else (-0.5 * size, -size)
+    assert error.binding == dict(zip("ab", ends, strict=True))
+    assert error.share == (None if share is None else pytest.approx(share, rel=1e-10))
+    assert f"coil a at {ends[0]:g} A, coil b at {ends[1]:g} A" in error.problems[0].must_hold
+    assert error.problems[0].received == f"Bx = {wanted:g} T"
+    if share is None:
+        assert "no share" in error.problems[0].remedy
+        return
+    assert error.reachable == pytest.approx([share * wanted])
+    assert f"allow {share:.6g} of the demand: Bx = {share * wanted:.6g} T" in error.problems[0].remedy
+
+
+def test_no_currents_at_all_give_no_share():
+    with pytest.raises(Infeasible, match="no share"):
+        linear_currents(linear([[1.0, 2.0]], [0.0], [1.0], [0.0, 0.0], [0.0, 0.0]))
+
+
+def test_least_power_of_unequal_resistances_and_what_is_there_already():
+    """Power i^2 + 4 j^2 and i + 2 j = 4: i = 2, j = 1. A demand that is there but for rounding costs nothing."""
+    wide = [-9.0, -9.0], [9.0, 9.0]
+    assert linear_currents(linear([[1.0, 2.0]], [1.0], [5.0], *wide)) == pytest.approx([2.0, 1.0])
+    for off, nothing in ((0.5e-13, True), (2e-13, False), (-2e-13, False)):
+        found = linear_currents(linear([[1.0, 2.0]], [5.0], [5.0 * (1.0 + off)], *wide))
+        assert (not found.any()) == nothing
+    with pytest.raises(Infeasible) as caught:
+        linear_currents(linear([[1.0], [1.0]], [0.5, 1.0], [2.0, 3.0], [-9.0], [9.0]))
+    # The nearest of what one coil gives of two components.
+    assert caught.value.reachable == pytest.approx([2.25, 2.75])
+    assert caught.value.share is None
+
+
+def search_of(goal, first, scale=0.1):
+    return Search(goal, np.array(first, float), np.full(len(first), scale), **CLOSELY)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "first", "scale", "typical"),
+    [
+        # 3 - 0 is given by (0.2, 0.4) of the shortest changes, times three.
+        (3.0, [0.0, 0.0], 0.1, [0.6, 1.2]),
+        (3.0, [5.0, -1.0], 0.1, [5.0, 1.6]),
+        (3.0, [0.0, 0.0], 20.0, [2.0, 2.0]),
+        (0.0, [0.5, -0.25], 0.1, [0.5, 0.4]),
+    ],
+)
+def test_what_is_missed_is_judged_by_what_typical_currents_give(wanted, first, scale, typical):
+    search = search_of(linear([[1.0, -2.0]], [0.0], [wanted], [-9, -9], [9, 9]), first, scale)
+    gives, (i, j) = typical[0] + 2.0 * typical[1], typical
+    assert search.size == pytest.approx([max(gives, wanted)])
+    assert search.price == pytest.approx(10.0 * (i * i + 4.0 * j * j))
+    missed = abs(first[0] - 2.0 * first[1] - wanted)
+    assert search._off(np.array(first)) == pytest.approx(missed / max(gives, wanted), abs=1.1e-12)
+
+
+def test_an_aim_beyond_the_limits_is_a_half_or_a_quarter_of_the_way():
+    """At 0.6 of at most 1 there are 0.9 missing: a quarter of it can be had."""
+    search = search_of(linear([[1.0]], [0.0], [1.5], [-1.0], [1.0]), [0.6])
+    aim, left = search._aim(np.array([0.6]), 0.8)
+    assert (aim[0], left) == (pytest.approx(0.825), pytest.approx(0.6))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "values", "binding"),
+    [
+        # A ten-thousandth of the range, or of the largest where that is infinite.
+        ([-1, -1], [1, 1], [0.99981, -0.99979], {"a": 0.99981}),
+        ([-1, -1], [1, 1], [0.5, -0.99981], {"b": -0.99981}),
+        ([0, 0], [np.inf, np.inf], [4e-5, 0.5], {"a": 4e-5}),
+        ([0, 0], [np.inf, np.inf], [6e-5, 0.5], {}),
+    ],
+)
+def test_where_a_search_is_stuck_the_limits_that_it_has_reached_are_told(low, high, values, binding):
+    error = search_of(linear([[1.0, 2.0]], [0.5], [9.0], low, high), [0.1, 0.1])._stuck(np.array(values))
+    assert error.binding == binding
+    assert error.reachable == pytest.approx([values[0] + 2.0 * values[1] + 0.5])
+    assert ("bind: none" in error.problems[0].must_hold) == (not binding)
+
+
+def test_a_search_ends_with_the_evaluations_of_its_call():
+    """After a thousand of them it has what it began with, or what is nearly met by the least change."""
+    goal = linear([[1.0, 2.0]], [0.0], [3.0], [-9, -9], [9, 9])
+    goal.evaluations = 999
+    assert search_of(goal, [0.0, 0.0]).run() == pytest.approx([1.5, 0.75])
+    goal.evaluations = 1000
+    # By i / 1 = j * 4 / 2 of least power, not from where it begins.
+    assert search_of(goal, [1.0, 0.9]).run() == pytest.approx([1.1, 0.95])
+    flat = linear([[0.0, 0.0]], [0.0], [3.0], [-9, -9], [9, 9])
+    flat.evaluations = 1000
+    search = search_of(flat, [0.0, 0.0])
+    with pytest.raises(NotConverged) as caught:
+        search.run()
+    assert "100 steps and 1000 evaluations" in caught.value.problems[0].must_hold
+    assert caught.value.problems[0].received == "1.0e+00 of the demand left"
+    assert search.left_by(caught.value) == np.inf
+    assert search.left_by(Infeasible(Problem("", "", "", ""), reachable=np.array([-1.0]))) == 4.0
+    assert search.left_by(Infeasible(Problem("", "", "", ""))) == np.inf
 
 
 def test_power_that_a_demand_costs_does_not_stand_in_its_way():
