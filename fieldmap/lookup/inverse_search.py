@@ -79,7 +79,7 @@ def _reachable_share(matrix: Array, constant: Array, wanted: Array, variables: V
     low, high = np.append(variables.low, 0.0), np.append(variables.high, 1.0)
     ends = np.abs(np.concatenate([variables.low, variables.high]))
     # What is left of the demand costs as much as the largest limit, so that both are of one size.
-    cost = np.append(np.ones(len(variables.low)), ends[np.isfinite(ends)].max(initial=0.0) ** 2)
+    cost = np.append(np.ones(len(variables.low)), ends[np.isfinite(ends)].max(initial=0.0) ** 2 or 1.0)
     beside = np.ascontiguousarray(np.hstack([matrix, wanted[:, None]]))
     with_rest = replace(variables, low=low, high=high, cost=cost)
     status, found, _ = with_rest.least_power(beside, wanted - constant)

@@ -276,6 +276,14 @@ def test_arguments_that_cannot_be_used(eight, arguments, words):
         eight.currents_for([0, 0, -0.06], **arguments)
 
 
+@pytest.mark.parametrize("name", ["resistance", "limits", "field", "gradient"])
+def test_of_a_long_argument_eighty_signs_are_told(eight, name):
+    given = "no numbers" * 20
+    with pytest.raises(InputError) as caught:
+        eight.currents_for([0, 0, -0.06], **{"field": [0, 0, 1e-3], name: given})
+    assert caught.value.problems[0].received == repr(given)[:80]
+
+
 def test_outside_the_map(eight):
     for position in ([0, 0, 0.5], [np.nan, 0, 0]):
         with pytest.raises(OutsideMapError, match="currents_for, position: a place"):

@@ -11,11 +11,11 @@ from fieldmap.device.model import Arctangent
 from fieldmap.device.payload import SoftSphere
 from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.iron import NonlinearSolver
-from fieldmap.lookup import MagneticBody, currents_for, interpolate, magnetic_body
+from fieldmap.lookup import MagneticBody, currents_for, interpolate, inverse, magnetic_body
 from fieldmap.lookup.current_model import CurrentSearch
 from fieldmap.lookup.demand import Demand, demand_of
-from fieldmap.lookup.inverse import best_of, least_power_currents
-from fieldmap.lookup.inverse_problem import SumOfFields, Variables
+from fieldmap.lookup.inverse import best_of, least_power_currents, starts_on_soft_iron
+from fieldmap.lookup.inverse_problem import SolvedField, SumOfFields, Variables
 from fieldmap.lookup.inverse_search import Search, linear_currents
 from fieldmap.store import Grid, MapData
 from tests.dynamics.conftest import saturating_map
@@ -337,9 +337,125 @@ def test_of_several_searches_the_one_of_least_power_counts():
 
     found = best_of([ended(1.0, 1.0), ended(1.0, -0.5), failed(0.9), ended(-1.0, 1.0)])
     np.testing.assert_array_equal(found, [1.0, -0.5])
+    # With the evaluations of a call used up the first search is the last, whether it fails or not.
+    for evaluations, best in ((999, 0.1), (1000, 1.0)):
+        fresh.evaluations = evaluations
+        np.testing.assert_array_equal(best_of([ended(1.0, 1.0), ended(0.1, 0.1)]), [best, best])
+    with pytest.raises(Infeasible):
+        best_of([failed(0.2), ended(1.0, 1.0)])
+    fresh.evaluations = 0
     with pytest.raises(Infeasible) as caught:
         best_of([failed(0.2), failed(0.9), failed(0.5)])
     assert caught.value.reachable == 0.9
+
+
+QUADRATIC = np.array(
+    [
+        [[3.0, 0.5, 0.0], [0.5, 1.0, 0.2], [0.0, 0.2, -2.0]],
+        [[-1.0, 0.3, 0.1], [0.3, 0.5, 0.0], [0.1, 0.0, 2.0]],
+    ]
+)
+
+
+def pulled(wanted, low=-9.0, high=9.0, linear=0.0):
+    """Two components of second order in three currents, and a linear part of the first one."""
+    slope = linear * np.array([[0.1, 0.2, -0.3], [0.0, 0.0, 0.0]])
+    variables = Variables(tuple("abc"), np.full(3, low), np.full(3, high), np.ones(3))
+    return SimpleNamespace(
+        demand=SimpleNamespace(values=np.array(wanted)),
+        variables=variables,
+        about=lambda i: (np.einsum("k,rkn,n->r", i, QUADRATIC, i) + slope @ i, 2.0 * QUADRATIC @ i + slope),
+    )
+
+
+def scaled(direction, wanted):
+    given = direction @ QUADRATIC[0] @ direction
+    return None if given <= 0.0 else np.sqrt(wanted / given) * direction
+
+
+@pytest.mark.parametrize("scale", [0.5, 1e-3])
+@pytest.mark.parametrize(("low", "ways"), [(-9.0, 1), (-8.0, 2)])
+def test_searches_on_soft_iron_begin_along_the_strongest_directions(low, ways, scale):
+    """Of the demand, and with more or less of the other component beside it, each component over its largest second
+    derivative; as long as the first component takes."""
+    wanted, lengths = np.array([2.4, 0.2]), np.array([6.0, 4.0])
+    starts = list(starts_on_soft_iron(pulled(wanted, low), scale))
+    share = wanted / lengths / (wanted[0] / lengths[0])
+    expected = []
+    for aside in (0.0, 1.0, -1.0):
+        matrix = np.einsum("r,rkn->kn", (share + [0.0, aside]) / lengths, QUADRATIC)
+        for vector in np.linalg.eigh(matrix)[1].T[:0:-1]:
+            expected += [
+                one
+                for one in [scaled(way * vector, wanted[0]) for way in (1.0, -1.0)[:ways]]
+                if one is not None
+            ]
+    assert len(starts) == len(expected) > 3 * ways
+    for found, one in zip(starts, expected, strict=True):
+        sign = np.sign(found @ one) if ways == 1 else 1.0
+        np.testing.assert_allclose(sign * found, one, rtol=1e-6, atol=1e-9)
+
+
+def test_where_iron_has_a_moment_of_its_own_searches_begin_without_currents():
+    """A linear part above rounding: no currents first, then both ways. Where nothing is wanted: no currents alone."""
+    for linear, first in ((1e-10, False), (1e-7, True)):
+        starts = list(starts_on_soft_iron(pulled([2.4, 0.2], linear=linear), 1.0))
+        assert (not starts[0].any()) == first
+        assert len(starts) == (1 + 2 * 5 if first else 5)
+    nothing = list(starts_on_soft_iron(pulled([0.0, 0.0]), 1.0))
+    assert [start.tolist() for start in nothing] == [[0.0, 0.0, 0.0]]
+
+
+@pytest.mark.parametrize(("ratio", "kept"), [(1.005, True), (1.02, False)])
+def test_a_start_within_a_hundredth_is_left_as_it_is(ratio, kept):
+    direction = np.array([1.0, 0.0, 0.0])
+    found = inverse._as_long_as_needed(pulled([3.0 * ratio**2 * 0.25, 0.0]), 0, 7.0 * direction, 0.5)
+    assert found[0] == pytest.approx(0.5 if kept else 0.5 * ratio, rel=1e-12)
+    held = inverse._as_long_as_needed(pulled([300.0, 0.0], high=2.0), 0, direction, 0.5)
+    assert held[0] == 2.0
+    assert inverse._as_long_as_needed(pulled([-1.0, 0.0]), 0, direction, 0.5) is None
+
+
+def test_how_searches_are_set_up(divided, monkeypatch):
+    """Where they begin, the usual size of currents, and which shares of the demand and of the power are left."""
+
+    class StopError(Exception):
+        pass
+
+    def noted(goal, first, scale, met, saving, remedy):
+        raise StopError(first.tolist(), scale.tolist(), met, saving, "start=" in remedy)
+
+    monkeypatch.setattr(inverse, "Search", noted)
+    bead, demand = (
+        magnetic_body(SoftSphere(1e-3, mu_r=100.0)),
+        demand_of(None, None, None, [0.0, 0.0, 1.0], None),
+    )
+
+    def by_currents(points, currents):
+        n = len(points)
+        return np.zeros((n, 3)), np.zeros((n, 3, 3)), np.ones((n, 2, 3)), np.ones((n, 2, 3, 3))
+
+    def set_up(field, demand=demand, limits=None, start=None):
+        with pytest.raises(StopError) as caught:
+            least_power_currents(field, POSITION, demand, limits, None, start, None)
+        return caught.value.args
+
+    solved = SolvedField(by_currents, ("a", "b"))
+    assert set_up(solved) == ([0.0, 0.0], [1.0, 1.0], 1e-5, 1e-5, True)
+    assert set_up(solved, limits=(0.5, 3.0)) == ([0.5, 0.5], [0.5, 0.5], 1e-5, 1e-5, True)
+    assert set_up(solved, limits=(-4.0, 3.0)) == ([0.0, 0.0], [4.0, 4.0], 1e-5, 1e-5, True)
+    assert set_up(solved, start=[0.5, -2.0]) == ([0.5, -2.0], [2.0, 2.0], 1e-5, 1e-5, False)
+    # Soft iron allows more of the power; the model of a map says what is usual.
+    on_bead = demand_of([0.0, 0.0, 1e-6], bead, None, None, None)
+    assert set_up(solved, on_bead, start=[0.5, 1.0])[2:4] == (1e-5, 1e-5)
+    reduced = divided.info.reduced_model
+    signals = reduced.parametrisation.nearest(reduced.known_currents).values
+    for asked, saving in ((demand, 1e-12), (on_bead, 1e-7)):
+        first, scale, *ends = set_up(divided._fields_of_currents(), asked)
+        assert ends == [1e-9, saving, True]
+        np.testing.assert_allclose(scale, np.maximum(np.abs(signals).max(axis=0), 1e-12))
+        middle = reduced.parametrisation.nearest(reduced.known_currents.mean(axis=0)).values
+        np.testing.assert_allclose(first, middle, atol=1e-12)
 
 
 def over(model, parametrisation, lower, upper, known):
@@ -388,9 +504,20 @@ def test_a_force_by_the_signals_of_a_division(divided):
     np.testing.assert_array_equal(
         divided.currents_for(POSITION, force, body, 1.01 * most, start=known), found
     )
-    with pytest.raises(Infeasible) as caught:
-        divided.currents_for(POSITION, force, body, 0.99 * most, start=known)
-    assert f"in coil {np.argmax(np.abs(found)) + 1}" in caught.value.problems[0].received
+    least = np.abs(found).min()
+    # A millionth of the largest current is rounding.
+    for limits in ((-1.0 - 5e-7) * most, (-most, most * (1.0 - 5e-7)), (least + 5e-7 * most, 2.0 * most)):
+        bound = (limits, -limits) if np.isscalar(limits) else limits
+        np.testing.assert_array_equal(divided.currents_for(POSITION, force, body, bound, start=known), found)
+    lowest = int(np.argmin(found))
+    for limits, coil in (
+        ((1.0 - 2e-6) * most, np.argmax(np.abs(found))),
+        ((found[lowest] + 2e-6 * most, 9.0), lowest),
+    ):
+        with pytest.raises(Infeasible) as caught:
+            divided.currents_for(POSITION, force, body, limits, start=known)
+        received = caught.value.problems[0].received
+        assert f"takes {found[coil]:.6g} A in coil {coil + 1}" in received
     # Ten times what the largest lift of the map gives: the search ends at the end of a signal.
     much = 10.0 * divided.wrench(POSITION, moment, domain.at(np.array([1.0, 0.5, 0.5])))[:3]
     with pytest.raises(Infeasible, match="signal") as caught:
