@@ -416,6 +416,50 @@ def test_a_start_within_a_hundredth_is_left_as_it_is(ratio, kept):
     assert inverse._as_long_as_needed(pulled([-1.0, 0.0]), 0, direction, 0.5) is None
 
 
+def test_a_solved_device_as_fields_of_its_coils_and_the_rest():
+    """Made up: the derivatives by two currents, and a field of which they are not all."""
+    random = np.random.default_rng(14)
+    flux, slope = random.standard_normal((4, 3)), random.standard_normal((4, 3, 3))
+    by_flux, by_slope = random.standard_normal((4, 2, 3)), random.standard_normal((4, 2, 3, 3))
+    asked = []
+
+    def by_currents(points, currents):
+        asked.append((points, currents))
+        return flux, slope, by_flux, by_slope
+
+    field, points, about = SolvedField(by_currents, ("a", "b")), random.random((4, 3)), np.array([2.0, -3.0])
+    fields, weights, slopes = field.at(points)(about)
+    np.testing.assert_array_equal(weights, [0.0, 0.0, 1.0])
+    np.testing.assert_array_equal(slopes, [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
+    for k, (b, g) in enumerate(
+        [(by_flux[:, 0], by_slope[:, 0]), (by_flux[:, 1], by_slope[:, 1]), (flux, slope)]
+    ):
+        np.testing.assert_array_equal(fields[:, k], np.concatenate([b, g.reshape(4, 9)], axis=1))
+    linear = field.linear_about(about)
+    assert (linear.coil_names, linear.constant) == (("a", "b"), True)
+    b, g = np.empty((4, 3, 3)), np.empty((4, 3, 3, 3))
+    linear.each_field(points, b, g)
+    for found, each, here in ((b, by_flux, flux), (g, by_slope, slope)):
+        np.testing.assert_array_equal(found[:, :2], each)
+        np.testing.assert_allclose(found[:, 2], here - 2.0 * each[:, 0] + 3.0 * each[:, 1], rtol=1e-12)
+    assert all(given[0] is points and given[1] is about for given in asked)
+
+
+def test_a_place_that_the_fields_do_not_know_is_told_in_mm():
+    def each_field(points, flux, slope):
+        flux[:], slope[:] = 1.0, 1.0
+        flux[points[:, 0] > 0.01] = np.nan
+
+    fields = SumOfFields(each_field, ("a",))
+    with pytest.raises(OutsideMapError) as caught:
+        fields.at(np.array([[0.0, 0.0, 0.0], [0.02, -0.0123456789, 0.003]]))
+    problem = caught.value.problems[0]
+    assert problem.received == "(20.0, -12.345679, 3.0) mm"
+    assert "the whole body" in problem.must_hold
+    with pytest.raises(OutsideMapError, match="a place in the map's box"):
+        fields.at(np.array([[0.02, 0.0, 0.0]]))
+
+
 def test_how_searches_are_set_up(divided, monkeypatch):
     """Where they begin, the usual size of currents, and which shares of the demand and of the power are left."""
 

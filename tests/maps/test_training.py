@@ -1,0 +1,238 @@
+"""Training of a bar whose states take a millisecond: what it reports, against states that are solved anew."""
+
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fieldmap.currents import CurrentDomain, IndependentCurrents
+from fieldmap.iron.solvers.reduced import GalerkinModel
+from fieldmap.maps.forecast import STAGES, Forecast
+from fieldmap.maps.training import condensation
+from fieldmap.maps.training.currents import extreme_signals, held_out, sequence, training_signals
+from fieldmap.maps.training.plan import Plan
+from fieldmap.maps.training.states import SolvedStates
+from fieldmap.maps.training.training import train
+from fieldmap.parallel import Common, Workers
+from fieldmap.sources import unit_flux_density_and_gradient
+from fieldmap.store import Checkpoint
+from tests.maps.whole_bar import COILS, POINTS, WholeBar
+
+LARGEST = np.array([1.5, 2.0, 1.2])
+REFERENCE = np.array([0.7, 1.3, 0.2])
+# Coils, and the plan: within few states; by the residual of more extremes than are all solved; and with too few states.
+CASES = {
+    "few": (2, Plan(states=30, accuracy=2e-3, modes=25, points=120, fields=6, held_out=5)),
+    "many extremes": (3, Plan(states=40, accuracy=5e-3, modes=40, points=120, fields=6, held_out=4)),
+    "used up": (2, Plan(states=5, accuracy=2e-5, modes=25, points=60, fields=6, held_out=3)),
+}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def trained(request, tmp_path_factory):
+    """What a training gives, the solver with what it was asked, and what was told."""
+    (coils, plan), told = CASES[request.param], []
+    domain = CurrentDomain(
+        IndependentCurrents(coils), np.array([-1.5, -0.5, -1.0])[:coils], np.array([1.0, 2.0, 1.2])[:coils]
+    )
+    solver, path = WholeBar(coils), tmp_path_factory.mktemp("bar") / "map.partial"
+    forecast = Forecast(lambda text, share: told.append((text, share)), dict.fromkeys(STAGES, 1.0))
+    with pytest.MonkeyPatch.context() as patch, Checkpoint(path, "one") as checkpoint, Workers() as workers:
+        patch.setattr(condensation, "_STATES", 40)
+        patch.setattr(condensation, "_TRIED", 30)
+        states = SolvedStates(checkpoint, Common.of(solver), workers)
+        found = train(solver, domain, plan, POINTS, REFERENCE[:coils], states, forecast)
+    return SimpleNamespace(
+        found=found, about=found.about, solver=solver, states=states, told=told, domain=domain, plan=plan, coils=coils,
+        unit=[unit_flux_density_and_gradient(coil, POINTS) for coil in COILS[:coils]],
+    )  # fmt: skip
+
+
+def norms(values):
+    return np.linalg.norm(values.reshape(len(values), len(POINTS), -1), axis=2).max(axis=1)
+
+
+def weights(trained, currents):
+    """Of the fields of the iron, by Newton's method on the arrays of the map."""
+    m = trained.found.model
+    few = GalerkinModel(
+        m.gradients,
+        m.source,
+        m.weights,
+        m.law.astype(np.int64),
+        trained.solver.model.tables,
+        m.air,
+        m.constant,
+    )
+    return np.array([few.solve(row, np.zeros(few.modes), 1e-9)[0] for row in currents]) @ m.output.T
+
+
+def errors_at(trained, currents):
+    """Largest difference, largest field, and largest share, of flux density and gradient."""
+    charge = trained.solver.charge_density(np.array([trained.solver.potential(i) for i in currents]).T)
+    ours = weights(trained, currents) @ trained.found.charge
+    rows = []
+    for j in range(2):
+        bare = np.array([pair[j] for pair in trained.unit])
+        truth = np.tensordot(currents, bare, 1) + trained.solver._fields(POINTS, charge)[j]
+        off, size = norms(trained.solver._fields(POINTS, ours - charge)[j]), norms(truth)
+        least = 1e-3 * max(most * one for most, one in zip(LARGEST, norms(bare), strict=False))
+        rows.append([off.max(), size.max(), (off / np.maximum(size, least)).max()])
+    return np.array(rows)
+
+
+def test_stated_errors_are_those_of_states_solved_anew(trained):
+    """At the random states, at those that it was trained on, and within what is promised anywhere else."""
+    tried, snapshots = trained.about["states_tried"], trained.found.snapshots
+    kinds = {
+        "at random": held_out(trained.domain, trained.plan.held_out),
+        "trained on": snapshots.currents[list(snapshots.own)],
+    }
+    for kind, currents in kinds.items():
+        flux, gradient = errors_at(trained, currents)
+        found = tried[kind]
+        assert found["states"] == found["solved"] == len(currents)
+        assert [found["flux_density"], found["gradient"]] == pytest.approx([flux[0], gradient[0]], rel=0.03)
+        assert [found["largest_flux_density"], found["largest_gradient"]] == pytest.approx(
+            [flux[1], gradient[1]], rel=1e-6
+        )
+        assert [found["flux_density_share"], found["gradient_share"]] == pytest.approx(
+            [flux[2], gradient[2]], rel=0.03
+        )
+    largest = [
+        max(found[name] for found in tried.values()) for name in ("flux_density_share", "gradient_share")
+    ]
+    if trained.plan.states > 5:
+        assert largest[0] <= 2.0 * trained.plan.accuracy
+        assert largest[1] <= 4.0 * trained.plan.accuracy
+    anywhere = errors_at(trained, trained.domain.at(np.random.default_rng(5).random((40, trained.coils))))
+    assert (anywhere[:, 2] <= 1.5 * np.array(largest)).all()
+
+
+def test_what_was_solved_is_counted_by_its_kind(trained):
+    about, solves = trained.about, trained.solver.solves
+    extremes, tried, rounds = about["extremes"], about["states_tried"], about["rounds"]
+    assert len({currents for currents, *_ in solves}) == len(solves) == trained.states.count
+    assert {tolerance for _, tolerance, _ in solves} == {max(1e-3, 10.0 * trained.plan.accuracy)}
+    # Three states, then rounds of four until one is predicted well enough; images in the domain come with them.
+    taken = min(3 + 4 * len(rounds), trained.plan.states)
+    assert [one["solved"] for one in rounds] == [3 + 4 * k for k in range(len(rounds))]
+    shares = [
+        max(one["errors"]["flux_density_share"], one["errors"]["gradient_share"] / 2.0) for one in rounds
+    ]
+    enough = [share <= trained.plan.accuracy for share in shares]
+    assert not any(enough[:-1])
+    assert enough[-1] or taken == trained.plan.states
+    first = trained.domain.parametrisation.currents(
+        training_signals(trained.domain, taken, trained.solver.images)
+    )
+    assert [currents for currents, *_ in solves[:taken]] == [tuple(row) for row in first]
+    known = trained.found.model.known_currents
+    assert about["states_trained_on"] == len(known)
+    reversed_ones = [row for row in known if (known == -row).all(axis=1).any()]
+    assert about["states_trained_on_solved"] == len(known) - len(reversed_ones) // 2
+    assert {tuple(row) for row in first} <= {tuple(row) for row in known}
+    assert about["corners_trained_on"] == extremes["trained_on"]
+    solved = sum(one["solved"] for kind, one in tried.items() if kind != "trained on")
+    again = trained.about["extremes"]["searched"] > 300
+    # Of a model that is trained once more, states that measured the error of the first are not told of.
+    assert (trained.states.count > about["states_trained_on_solved"] + solved) == again
+    assert trained.states.count >= about["states_trained_on_solved"] + solved
+    assert tried["at extremes"]["solved"] + extremes["trained_on"] == extremes["solved"]
+    assert about["error_parts"]["taken"]["states"] == taken
+    assert about["error_parts"]["limits"] == (("states",) if taken == trained.plan.states else ())
+
+
+def test_extremes_are_those_of_the_domain(trained):
+    extremes, signals = trained.about["extremes"], extreme_signals(trained.domain)
+    assert extremes["corners"] == 2**trained.coils
+    assert extremes["looked_at"] == len(signals)
+    reversed_ones = sum((np.abs(signals + row).max(axis=1) < 1e-9).any() for row in signals)
+    assert extremes["different"] == len(signals) - reversed_ones // 2
+    assert extremes["by_residual"] == (extremes["different"] > 32)
+    # Of many eight of the largest indicator and four others at first, and never more than 64.
+    assert (12 if extremes["by_residual"] else extremes["different"] - 8) <= extremes["solved"] <= 64
+    # The search begins at the extremes, 32 at most, 32 at random and as many on edges; ten places have three
+    # neighbours in each of two rounds.
+    searches, rest = divmod(extremes["searched"], min(32, len(signals)) + 64 + 60)
+    assert rest == 0
+    assert searches >= 1
+
+
+def test_solves_begin_near_their_ends(trained):
+    """The first two behind the middle at its tangent, by the change of their signals; later ones where the model
+    predicts them."""
+    potential, solves = trained.solver.potential, trained.solver.solves
+    assert solves[0][2] is None
+    middle, step = np.array(solves[0][0]), 1e-3
+    slopes = [
+        (potential(middle + d) - potential(middle - d)) / (2.0 * step) for d in step * np.eye(trained.coils)
+    ]
+    for currents, _, start in solves[1:3]:
+        expected = potential(middle) + (np.array(currents) - middle) @ slopes
+        np.testing.assert_allclose(start, expected, atol=1e-4 * np.abs(expected).max())
+    field = trained.solver.charge_density
+    for currents, _, start in solves[3:]:
+        end = field(potential(currents))
+        assert np.abs(field(start) - end).max() < 0.05 * np.abs(end).max() + 1e-5
+
+
+def test_weights_at_the_ends_of_the_domain_and_at_the_reference(trained):
+    found, model = trained.found, trained.found.model
+    np.testing.assert_array_equal(found.largest_weights[: trained.coils], LARGEST[: trained.coils])
+    np.testing.assert_allclose(
+        model.reference_weights, weights(trained, REFERENCE[None, : trained.coils])[0], rtol=1e-4
+    )
+    # A tenth more than at those that were looked at: extremes, states that fill the domain, and those trained on.
+    signals = np.concatenate([extreme_signals(trained.domain), sequence(trained.domain, 128)])
+    currents = np.concatenate([trained.domain.parametrisation.currents(signals), model.known_currents])
+    largest = 1.1 * np.abs(weights(trained, currents)).max(axis=0)
+    np.testing.assert_allclose(found.largest_weights[trained.coils :], largest, rtol=1e-4)
+
+
+def test_fewer_modes_and_points_are_told_with_what_they_change(trained):
+    about = trained.about
+    before, parts = about["condensed_from"], about["error_parts"]
+    assert about["modes"] == len(trained.found.model.constant) <= before["modes"] == parts["taken"]["modes"]
+    assert (
+        about["sample_points"]
+        == len(trained.found.model.weights)
+        <= before["points"]
+        == parts["taken"]["points"]
+    )
+    assert about["modes"] % 8 == 0 or about["modes"] == before["modes"]
+    assert parts["taken"]["fields"] == len(trained.found.charge)
+    changed = [share * trained.plan.accuracy * before["changed"] for share in (1.0, 0.5, 0.2)]
+    assert parts["condensation"] in [pytest.approx(one) for one in changed]
+    assert before["changed"] <= 1.1
+    # No part is larger than all errors together, and the projection error is that of a state.
+    largest = max(one["flux_density_share"] for one in about["states_tried"].values())
+    assert parts["states"] <= 2.0 * largest
+    assert parts["modes_leave"] <= max(0.2 * trained.plan.accuracy, 1e-5) * 1.01
+
+
+def test_the_progress_counts_the_states_of_each_stage_and_never_falls(trained):
+    shares = [share for _, share in trained.told]
+    falls = [text for (text, share), before in zip(trained.told[1:], shares, strict=False) if share < before]
+    # Where it goes back to an earlier stage.
+    assert all(
+        re.match(r"state \d+ of (at most )?\d+( at extremes)?$|.* from state 1 of", one) for one in falls
+    )
+    assert 0.0 < shares[0] < shares[-1] < 1.0
+    stages = {}
+    for text, _ in trained.told:
+        if found := re.match(r"state (\d+) of (?:at most )?(\d+) ?(.*)", text):
+            stages.setdefault((found[3], int(found[2])), []).append(int(found[1]))
+    taken = trained.about["error_parts"]["taken"]["states"]
+    assert stages["", trained.plan.states] == list(range(1, taken + 1))
+    assert stages["at random", trained.plan.held_out] == list(range(1, trained.plan.held_out + 1))
+    for (_, most), numbers in stages.items():
+        assert set(numbers) == set(range(1, max(numbers) + 1))
+        assert max(numbers) <= most
+    texts = [text for text, _ in trained.told]
+    known = [text for text in texts if text.startswith("sample points, from state")]
+    last = trained.about["states_trained_on"]
+    assert known[0].startswith("sample points, from state 1 of ")
+    assert known[-last:] == [f"sample points, from state {k + 1} of {last}" for k in range(last)]
+    assert "sample points, choice 1" in texts
