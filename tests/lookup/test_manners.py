@@ -1,10 +1,13 @@
 """What an opened map does with odd arguments, threads, pickles, and who it drags in."""
 
+import importlib
 import os
 import pickle
+import pkgutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import is_dataclass
 
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ import pytest
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.field import Field, FieldAtCurrents, as_field
 from fieldmap.lookup import interpolate, open_map
+from fieldmap.records import Record
 from fieldmap.store import MapData
 
 CURRENTS = np.array([1.0, 1.0, 1.0])
@@ -348,3 +352,25 @@ def test_opening_a_map_loads_nothing_that_a_lookup_does_not_need(another_process
     single = ("fieldmap.device.schema", "fieldmap.device.model")
     packages = ("magpylib", "netgen", "pyvista", "numba", "scipy", "pydantic")
     assert not [n for n in loaded if n.split(".")[0] in packages or n.startswith(parts) or n in single]
+
+
+# What is equal where its numbers are; all other records hold arrays, and are equal to themselves alone.
+OF_NUMBERS = {"Shortfall", "IronModel", "MapOutput", "Errors", "ExtremesTried", "Round"}
+
+
+@pytest.mark.parametrize("package", ["fieldmap.lookup", "fieldmap.maps"])
+def test_records_do_not_change_and_show_themselves_in_the_way_of_records(package):
+    there = importlib.import_module(package)
+    modules = [
+        importlib.import_module(one.name) for one in pkgutil.walk_packages(there.__path__, f"{package}.")
+    ]
+    kinds = {kind for module in modules for kind in vars(module).values() if isinstance(kind, type)}
+    own = {kind for kind in kinds if is_dataclass(kind) and kind.__module__.startswith(package)}
+    assert len(own) > 10
+    for kind in own:
+        how = kind.__dataclass_params__
+        assert how.frozen == issubclass(kind, Record), kind
+        assert how.eq == (kind.__name__ in OF_NUMBERS), kind
+        assert how.repr == (kind.__name__ in {"Errors", "ExtremesTried"} or not issubclass(kind, Record)), (
+            kind
+        )
