@@ -7,8 +7,10 @@ from scipy.optimize import linprog
 from fieldmap.currents import IndependentCurrents
 from fieldmap.device.payload import MagnetSphere, Payload, PayloadPiece, SoftSphere
 from fieldmap.errors import Infeasible, InputError, OutsideMapError
+from fieldmap.field import Field
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import (
+    Actuation,
     MagneticBody,
     capability,
     field_actuation,
@@ -280,6 +282,52 @@ def test_nan_leaves_a_component_free(eight):
 def test_arguments_that_cannot_be_used(eight, arguments, words):
     with pytest.raises(InputError, match=words):
         eight.currents_for([0, 0, -0.06], **arguments)
+
+
+def test_the_largest_component_is_that_of_the_ends_of_each_coil():
+    """A coil that does nothing adds nothing, however wide its limits; what is there already counts along the axis."""
+    inf, matrix = np.inf, np.array([[0.1, -0.3, 0.0], [0.0, 0.5, 0.0]])
+    axes = [[1.0, 0.0], [0.0, 1.0], [0.0, -1.0], [2.0, 1.0]]
+    limits = [-1.0, -inf, -inf], [2.0, 4.0, inf]
+    free, shifted = Actuation(("Bx", "By"), matrix), Actuation(("Bx", "By"), matrix, np.array([0.5, 0.25]))
+    assert free.largest(axes, limits).tolist() == [inf, 2.0, inf, pytest.approx(inf)]
+    assert shifted.largest(axes[1], limits).tolist() == [2.25]
+    for given in (2, 2.0, ([-2, -2, -2], 2.0)):
+        assert free.largest(axes, given) == pytest.approx([0.8, 1.0, 1.0, 0.4 + 0.2])
+        assert shifted.largest(axes, given) == pytest.approx([1.3, 1.25, 0.75, 0.6 + 1.25])
+    assert free.largest(axes, 0).tolist() == free.largest(axes, 0.0).tolist() == [0.0] * 4
+
+
+@pytest.mark.parametrize(
+    ("matrix", "rank"),
+    [
+        (np.zeros((2, 3)), 0),
+        ([[1e-9, 0, 0], [0, 1e9, 0]], 2),
+        ([[1, 0, 0], [1, 2.1e-10, 0]], 2),
+        ([[1, 0, 0], [1, 1.9e-10, 0]], 1),
+    ],
+)
+def test_rows_count_by_their_directions(matrix, rank):
+    """Of which two are one if they are apart by less than 2e-10 of their length."""
+    found = Actuation(("Bx", "By"), np.array(matrix, float))
+    assert (found.rank, found.null_space.shape) == (rank, (3, 3 - rank))
+    lengths = np.linalg.norm(matrix, axis=1)[:, None] + 1e-300
+    assert np.abs((np.array(matrix) / lengths) @ found.null_space).max() < 1e-9
+
+
+def test_a_field_that_has_no_derivatives_has_no_matrix(eight):
+    class OfItsOwn(Field):
+        coil_names = tuple("12345678")
+
+        def field(self, points, currents):
+            return eight.field(points, np.square(currents))
+
+        def gradient(self, points, currents):
+            return eight.gradient(points, np.square(currents))
+
+    for given in (None, np.ones(8)):
+        with pytest.raises(InputError):
+            field_actuation(OfItsOwn(), [0, 0, -0.06], given)
 
 
 COMPONENTS = (
