@@ -432,6 +432,32 @@ def test_a_field_of_points_takes_bodies_as_a_map_does(opened):
     assert caught.value.problems[0].where == "wrench, orientations"
 
 
+def test_moments_and_energies_of_places_are_those_of_each(opened):
+    """Of two soft pieces and a magnet, with currents for all places or for each."""
+    body, amperes = magnetic_body(PAIR), np.linspace(-3.0, 4.0, 8)
+    places, turns = 1e-3 * np.array([[1.0, 0.5, -2.5], [-0.5, 1.0, 0.0]]), np.stack([TURN, TURN.T])
+    for currents in (amperes, np.array([amperes, 0.5 * amperes])):
+        rows = np.broadcast_to(currents, (2, 8))
+        for ask, shape in (
+            (body.energy, ()),
+            (body.induced_moment, (2, 3)),
+            (body.whole_moment, (3,)),
+            (body.wrench, (6,)),
+        ):
+            together = ask(opened, places, currents, turns)
+            apart = [ask(opened, *one) for one in zip(places, rows, turns, strict=True)]
+            assert together.shape == (2, *shape)
+            assert [np.shape(one) for one in apart] == [shape, shape]
+            np.testing.assert_allclose(together, apart, rtol=1e-12, atol=1e-20)
+    induced = body.induced_moment(opened, places, amperes, turns)
+    own = turns @ body.moments[0]
+    np.testing.assert_allclose(
+        body.whole_moment(opened, places, amperes, turns), induced.sum(axis=1) + own, rtol=1e-12
+    )
+    assert body.count == 3
+    assert body.moment == pytest.approx(1.2 / MU0 * np.pi / 6 * 27e-9)
+
+
 def test_compiled_wrench_and_slopes_are_those_of_the_body(opened):
     body, at = magnetic_body(PAIR), np.array([0.001, 0.0005, -0.0025])
     currents = np.linspace(-3.0, 4.0, 8)
