@@ -85,6 +85,22 @@ def test_output_fields_leave_the_next_singular_value_and_are_as_few_as_the_toler
     assert left(2, 1e-3)[0] == 2
 
 
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
+def test_there_are_no_more_output_fields_than_independent_ones(size):
+    """Of ten modes whose fields are combinations of three, whatever their size."""
+    random = np.random.default_rng(13)
+    amplitudes, fields = (
+        random.standard_normal((20, 10)),
+        random.standard_normal((10, 3)) @ random.standard_normal((3, 50)),
+    )
+    combination, weights = output_fields(amplitudes, size * fields, 8, 0.0)
+    assert combination.shape == weights.shape == (3, 10)
+    np.testing.assert_allclose(amplitudes @ weights.T @ combination @ fields, amplitudes @ fields, atol=1e-9)
+    # A state without amplitudes has no field that could be missed.
+    amplitudes[4] = 0.0
+    assert len(output_fields(amplitudes, size * fields, 8, 1e-3)[0]) == 3
+
+
 def corners(domain):
     """Their currents (m, c)."""
     return domain.parametrisation.currents(corner_signals(domain))

@@ -11,8 +11,11 @@ from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.maps.forecast import STAGES, Forecast
 from fieldmap.maps.training import condensation
 from fieldmap.maps.training.currents import extreme_signals, held_out, sequence, training_signals
+from fieldmap.maps.training.model_error import larger
+from fieldmap.maps.training.modes import SolvedModes
 from fieldmap.maps.training.plan import Plan
-from fieldmap.maps.training.states import SolvedStates
+from fieldmap.maps.training.sequence import Training
+from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates
 from fieldmap.maps.training.training import train
 from fieldmap.parallel import Common, Workers
 from fieldmap.sources import unit_flux_density_and_gradient
@@ -237,3 +240,120 @@ def test_the_progress_counts_the_states_of_each_stage_and_never_falls(trained):
     assert known[0].startswith("sample points, from state 1 of ")
     assert known[-last:] == [f"sample points, from state {k + 1} of {last}" for k in range(last)]
     assert "sample points, choice 1" in texts
+
+
+def states_of(bar, *currents):
+    """Solved states with tangents of an eighth of the ranges of -1 to 1."""
+    known = Snapshots(bar)
+    for values in map(np.array, currents):
+        potential = bar.potential(values)
+        tangents = bar.sensitivities(values, potential, 0.25 * np.eye(len(values)))
+        known.add(values, Solved(potential, tangents, bar.air(np.column_stack([potential, tangents]))))
+    return known
+
+
+@pytest.mark.parametrize("most", [4, 50])
+def test_modes_are_those_of_states_and_tangents_each_state_of_the_same_energy(most):
+    """A state without currents counts by its largest tangent. By the energy operator and the singular values of all."""
+    bar = WholeBar(images=False)
+    known = states_of(bar, [0.9, 0.4], [0.0, 0.0], [-0.7, 1.2])
+    energy = np.array(bar.energy_operator(known.currents[0], known.state(0).potential)(np.eye(30)))
+    columns = []
+    for state in known.states:
+        own = np.column_stack([state.potential, state.tangents])
+        energies = np.einsum("nk,nm,mk->k", own, energy, own)
+        columns.append(own / np.sqrt(energies[0] if state.potential.any() else energies.max()))
+    columns = np.concatenate(columns, axis=1)
+    modes = SolvedModes(bar, known, most, 0.0)
+    size = min(most, 8)
+    assert modes.basis.shape == modes.air.shape == (30, size)
+    np.testing.assert_allclose(modes.basis.T @ energy @ modes.basis, np.eye(size), atol=1e-6)
+    np.testing.assert_allclose(modes.air, bar.air(modes.basis), atol=1e-9 * np.abs(modes.air).max())
+    left = columns - modes.basis @ (modes.basis.T @ energy @ columns)
+    of_each = np.einsum("nk,nm,mk->k", left, energy, left)
+    root = np.linalg.cholesky(energy)
+    assert of_each.sum() == pytest.approx(
+        (np.linalg.svd(root.T @ columns)[1][most:] ** 2).sum(), rel=1e-6, abs=1e-9
+    )
+    assert modes.left == pytest.approx(np.sqrt(of_each.max()), rel=1e-6, abs=1e-6)
+    np.testing.assert_allclose(modes.amplitudes, known.potentials.T @ energy @ modes.basis, atol=1e-7)
+    # A tolerance between what is left with fewer and with more of them.
+    fewer = SolvedModes(bar, known, 3, 0.0).left
+    assert SolvedModes(bar, known, most, 1.01 * fewer).basis.shape[1] == 3
+    assert modes.amplitude(np.array([0.9, 0.4])) == pytest.approx(
+        modes.amplitudes[0], abs=1e-3 * abs(modes.amplitudes).max()
+    )
+
+
+def test_states_that_modes_lack_are_found_one_after_the_other():
+    bar = WholeBar(images=False)
+    known = states_of(bar, [0.9, 0.4], [-0.7, 1.2])
+    modes = SolvedModes(bar, known, 50, 0.0)
+    tried = states_of(bar, [0.9, 0.4], [0.2, 1.9], [0.21, 1.89], [1.9, -1.8], [0.91, 0.41])
+    energy = np.array(bar.energy_operator(known.currents[0], known.state(0).potential)(np.eye(30)))
+    root = np.linalg.cholesky(energy).T
+    states = root @ tried.potentials / np.linalg.norm(root @ tried.potentials, axis=0)
+    basis = root @ modes.basis
+    for accuracy in (1e-1, 1e-2, 1e-3):
+        span, expected = basis, []
+        while True:
+            left = np.linalg.norm(states - span @ np.linalg.lstsq(span, states, rcond=None)[0], axis=0)
+            if left.max() <= accuracy:
+                break
+            expected.append(int(left.argmax()))
+            span = np.column_stack([span, states[:, expected[-1]]])
+        assert modes.missing(tried, accuracy).tolist() == expected
+    assert len(expected) >= 2
+
+
+def test_errors_and_indicators_of_a_reduced_model(tmp_path):
+    """Of the model at sample points: at solved states, by the residual of one step, and of the modes by themselves."""
+    bar, domain = (
+        WholeBar(images=False),
+        CurrentDomain(IndependentCurrents(2), np.full(2, -1.0), np.full(2, 1.5)),
+    )
+    forecast = Forecast(lambda text, share: None, dict.fromkeys(STAGES, 1.0))
+    with Checkpoint(tmp_path / "a.partial", "one") as checkpoint, Workers() as workers:
+        states = SolvedStates(checkpoint, Common.of(bar), workers)
+        training = Training(bar, domain, Plan(states=5, accuracy=1e-2, modes=12), POINTS, states, forecast)
+        training.go_on()
+        modes = training.modes()
+        reduction = training.reduce(modes, domain.at(np.array([[1.0, 0.2], [0.3, 0.9]])))
+    currents = domain.at(np.random.default_rng(6).random((70, 2)))
+    tried = Snapshots(bar)
+    for values in currents:
+        tried.add(values, Solved(bar.potential(values), np.zeros((30, 0)), np.zeros((30, 0))))
+    amplitudes = np.array(
+        [reduction.sampled.solve(i, np.zeros(reduction.sampled.modes), 1e-9)[0] for i in currents]
+    )
+    potentials = modes.basis @ amplitudes.T
+    np.testing.assert_allclose(
+        reduction.potential(currents[3]), potentials[:, 3], atol=1e-5 * np.abs(potentials).max()
+    )
+
+    def shares(charge, change):
+        return larger(training.trial.shares(currents, charge, change))
+
+    ours, truth = bar.charge_density(potentials), bar.charge_density(tried.potentials)
+    np.testing.assert_allclose(reduction.off(tried), shares(truth, truth - ours), rtol=1e-3, atol=1e-8)
+    step = bar.charge_density(bar.corrections(currents, potentials, None))
+    np.testing.assert_allclose(reduction.shortfall(currents), shares(ours, step), rtol=1e-3, atol=1e-8)
+    assert reduction.off(Snapshots(bar)).shape == (0,)
+    full = modes.basis @ modes.model.solve(currents[5], amplitudes[5], 1e-9)[0]
+    own = bar.charge_density(full[:, None])
+    found = training.off_of_modes(modes, tried, 5)
+    assert found == pytest.approx(
+        larger(training.trial.shares(currents[5:6], truth[5:6], truth[5:6] - own))[0], rel=0.02
+    )
+    assert training.too_few(modes) == (modes.left > 4e-2)
+    assert training.different(np.array([[1.0, 2.0], [-1.0, -2.0], [1.0, 2.0], [0.5, 0.0]]), [0, 1, 2, 3]) == [
+        0,
+        1,
+        2,
+        3,
+    ]
+    bar.images = WholeBar().images
+    assert training.different(
+        np.array([[1.0, 2.0], [-1.0, -2.0], [0.5, 0.0], [-1.0, -2.0]]), [1, 0, 2, 3]
+    ) == [1, 2, 3]
+    assert training.unknown(np.array([training.currents[0], [0.123, 0.456]]), [0, 1]) == [1]
