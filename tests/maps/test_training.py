@@ -1,6 +1,7 @@
 """Training of a bar whose states take a millisecond: what it reports, against states that are solved anew."""
 
 import re
+from contextlib import contextmanager
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from fieldmap.currents import CurrentDomain, IndependentCurrents
 from fieldmap.iron.solvers.reduced import GalerkinModel
-from fieldmap.maps.forecast import STAGES, Forecast
+from fieldmap.maps.forecast import STAGES, Forecast, states_needed
 from fieldmap.maps.training import condensation
 from fieldmap.maps.training.currents import extreme_signals, held_out, sequence, training_signals
 from fieldmap.maps.training.model_error import larger
@@ -22,25 +23,48 @@ from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.store import Checkpoint
 from tests.maps.whole_bar import COILS, POINTS, WholeBar
 
-LARGEST = np.array([1.5, 2.0, 1.2])
 REFERENCE = np.array([0.7, 1.3, 0.2])
-# Coils, and the plan: within few states; by the residual of more extremes than are all solved; and with too few states.
+# Ranges of the currents, and the plan: within few states; by the residual of more extremes than are all solved; and
+# with too few states, in a domain that holds the reversal of its middle.
 CASES = {
-    "few": (2, Plan(states=30, accuracy=2e-3, modes=25, points=120, fields=6, held_out=5)),
-    "many extremes": (3, Plan(states=40, accuracy=5e-3, modes=40, points=120, fields=6, held_out=4)),
-    "used up": (2, Plan(states=5, accuracy=2e-5, modes=25, points=60, fields=6, held_out=3)),
+    "few": (
+        [(-1.5, 1.0), (-0.5, 2.0)],
+        Plan(states=30, accuracy=2e-3, modes=25, points=120, fields=6, held_out=5),
+    ),
+    "many extremes": (
+        [(-1.5, 1.0), (-0.5, 2.0), (-1.0, 1.2)],
+        Plan(states=40, accuracy=5e-3, modes=40, points=120, fields=6, held_out=4),
+    ),
+    "used up": (
+        [(-2.0, 1.0), (-1.5, 2.0)],
+        Plan(states=5, accuracy=2e-5, modes=25, points=60, fields=6, held_out=3),
+    ),
 }
+
+
+class Noting(Forecast):
+    """A forecast that notes what it is told of pieces of stages."""
+
+    def __init__(self, *given):
+        super().__init__(*given)
+        self.pieces, self.seconds = [], []
+
+    def at(self, stage, message, done=0.0, count=1.0):
+        self.pieces.append((stage, message, done, count))
+        super().at(stage, message, done, count)
+
+    def expect(self, stage, seconds):
+        self.seconds.append((stage, seconds))
+        super().expect(stage, seconds)
 
 
 @pytest.fixture(scope="module", params=CASES)
 def trained(request, tmp_path_factory):
     """What a training gives, the solver with what it was asked, and what was told."""
-    (coils, plan), told = CASES[request.param], []
-    domain = CurrentDomain(
-        IndependentCurrents(coils), np.array([-1.5, -0.5, -1.0])[:coils], np.array([1.0, 2.0, 1.2])[:coils]
-    )
+    (ranges, plan), told = CASES[request.param], []
+    coils, domain = len(ranges), CurrentDomain(IndependentCurrents(len(ranges)), *np.array(ranges).T)
     solver, path = WholeBar(coils), tmp_path_factory.mktemp("bar") / "map.partial"
-    forecast = Forecast(lambda text, share: told.append((text, share)), dict.fromkeys(STAGES, 1.0))
+    forecast = Noting(lambda text, share: told.append((text, share)), dict.fromkeys(STAGES, 1.0))
     with pytest.MonkeyPatch.context() as patch, Checkpoint(path, "one") as checkpoint, Workers() as workers:
         patch.setattr(condensation, "_STATES", 40)
         patch.setattr(condensation, "_TRIED", 30)
@@ -48,7 +72,8 @@ def trained(request, tmp_path_factory):
         found = train(solver, domain, plan, POINTS, REFERENCE[:coils], states, forecast)
     return SimpleNamespace(
         found=found, about=found.about, solver=solver, states=states, told=told, domain=domain, plan=plan, coils=coils,
-        unit=[unit_flux_density_and_gradient(coil, POINTS) for coil in COILS[:coils]],
+        unit=[unit_flux_density_and_gradient(coil, POINTS) for coil in COILS[:coils]], forecast=forecast,
+        largest=np.abs(ranges).max(axis=1),
     )  # fmt: skip
 
 
@@ -80,7 +105,7 @@ def errors_at(trained, currents):
         bare = np.array([pair[j] for pair in trained.unit])
         truth = np.tensordot(currents, bare, 1) + trained.solver._fields(POINTS, charge)[j]
         off, size = norms(trained.solver._fields(POINTS, ours - charge)[j]), norms(truth)
-        least = 1e-3 * max(most * one for most, one in zip(LARGEST, norms(bare), strict=False))
+        least = 1e-3 * max(most * one for most, one in zip(trained.largest, norms(bare), strict=True))
         rows.append([off.max(), size.max(), (off / np.maximum(size, least)).max()])
     return np.array(rows)
 
@@ -178,12 +203,12 @@ def test_solves_begin_near_their_ends(trained):
     field = trained.solver.charge_density
     for currents, _, start in solves[3:]:
         end = field(potential(currents))
-        assert np.abs(field(start) - end).max() < 0.05 * np.abs(end).max() + 1e-5
+        assert np.abs(field(start) - end).max() < 0.08 * np.abs(end).max() + 1e-5
 
 
 def test_weights_at_the_ends_of_the_domain_and_at_the_reference(trained):
     found, model = trained.found, trained.found.model
-    np.testing.assert_array_equal(found.largest_weights[: trained.coils], LARGEST[: trained.coils])
+    np.testing.assert_array_equal(found.largest_weights[: trained.coils], trained.largest)
     np.testing.assert_allclose(
         model.reference_weights, weights(trained, REFERENCE[None, : trained.coils])[0], rtol=1e-4
     )
@@ -240,6 +265,111 @@ def test_the_progress_counts_the_states_of_each_stage_and_never_falls(trained):
     assert known[0].startswith("sample points, from state 1 of ")
     assert known[-last:] == [f"sample points, from state {k + 1} of {last}" for k in range(last)]
     assert "sample points, choice 1" in texts
+
+
+def test_pieces_of_each_stage_are_counted(trained):
+    """States of the sequence to the expected end, one round more than that of the last; others of their own number."""
+    pieces, plan, rounds = trained.forecast.pieces, trained.plan, trained.about["rounds"]
+    shares = [
+        max(one["errors"]["flux_density_share"], one["errors"]["gradient_share"] / 2.0) for one in rounds
+    ]
+    expected, seconds, images = [], [], 1 + len(trained.solver.images)
+    for number, begin in enumerate([0, 1, *range(3, 3 + 4 * len(rounds), 4)]):
+        end = (1, min(3, plan.states), min(begin + 4, plan.states))[min(number, 2)]
+        known = number - 2
+        needed = states_needed(
+            shares[: max(known, 0)], [3 + 4 * k for k in range(known)], plan.states, plan.accuracy
+        )
+        needed = min(max(needed, begin) + 4, plan.states) if known > 0 else needed
+        for done in range(end - begin):
+            left = max(needed - begin - done, end - begin - done)
+            expected.append((begin + done, begin + done + left))
+            # Points of the whole iron, by its unknowns, and the most modes.
+            seconds.append(needed * images * round(2.75 * 30) * plan.modes * 2.0 * plan.modes / 1e10)
+    assert [(done, count) for stage, _, done, count in pieces if stage == "training"] == expected
+    found = [value for stage, value in trained.forecast.seconds if stage == "points"]
+    assert found[: len(seconds)] == pytest.approx(seconds)
+    at_random = [(done, count) for stage, _, done, count in pieces if stage == "random"]
+    assert at_random[: plan.held_out] == [(k, plan.held_out) for k in range(plan.held_out)]
+    extremes = [(done, count) for stage, _, done, count in pieces if stage == "extremes"]
+    assert extremes[: extremes[0][1]] == [(k, extremes[0][1]) for k in range(extremes[0][1])]
+    assert [done for stage, _, done, _ in pieces if stage == "search"][:4] == pytest.approx(
+        [0.0, 0.2, 0.4, 0.6]
+    )
+    points = [(message, done) for stage, message, done, _ in pieces if stage == "points"]
+    choices = [
+        (message[-1], done) for message, done in points if "choice 1" in message or "choice 2" in message
+    ]
+    # A tenth for the conditions, then 40 % of what is left in each choice.
+    assert all(done == pytest.approx(1.0 - 0.9 * 0.6 ** int(number)) for number, done in choices)
+    assert {done for message, done in points if "state" in message} == {0.0}
+    assert {done for message, done in points if "conditions" in message} == {0.1}
+    assert {done for stage, _, done, _ in pieces if stage == "modes"} == {0.0, 0.95}
+
+
+@contextmanager
+def training_of(bar, folder, ranges, **plan):
+    """A training of a bar after its first states, and the seconds that it expects of its stages."""
+    domain, seconds = CurrentDomain(IndependentCurrents(len(ranges)), *np.array(ranges).T), []
+
+    class OfTheTest(Forecast):
+        def expected(self, stage):
+            return 10.0
+
+        def taken(self):
+            return 4.0
+
+        def expect(self, stage, value):
+            seconds.append((stage, value))
+
+    told = []
+    forecast = OfTheTest(lambda text, share: told.append(text), dict.fromkeys(STAGES, 1.0))
+    with Checkpoint(folder / "a.partial", str(ranges)) as checkpoint, Workers() as workers:
+        states = SolvedStates(checkpoint, Common.of(bar), workers)
+        made = Training(bar, domain, Plan(**plan), POINTS, states, forecast)
+        made.told, made.seconds = told, seconds
+        yield made
+
+
+def test_a_training_whose_first_state_fails_goes_on_without_a_start(tmp_path):
+    """Nor is there one behind a middle without currents."""
+    for ranges, fails in (([(-1.0, 1.5), (0.0, 1.0)], ((0.25, 0.5),)), ([(-1.0, 1.0), (-0.5, 0.5)], ())):
+        bar = WholeBar()
+        bar.fails = fails
+        with training_of(bar, tmp_path, ranges, states=6) as training:
+            assert [start is None for *_, start in bar.solves] == [True] * 3
+            assert list(training.states.failed) == [0] * len(fails)
+            assert training.states.count == 3 - len(fails)
+            assert not training.at_its_end
+
+
+def test_states_to_try_take_three_tenths_of_the_time_of_those_that_are_left(tmp_path):
+    """Of 10 s of which 4 s are over, with 4 states expected (65 % of 6) and one solved: 2 s each; then 3 s."""
+    bar = WholeBar(images=False)
+    with training_of(bar, tmp_path, [(-1.0, 1.5), (0.0, 1.0)], states=6, held_out=7) as training:
+        found = [value for stage, value in training.seconds if stage == "random"]
+        assert found == pytest.approx([0.3 * 7 * 2.0, 0.3 * 7 * 3.0])
+        assert [training.too_few(SimpleNamespace(left=left)) for left in (3.99e-3, 4.01e-3)] == [False, True]
+        training.most_modes = 12
+        assert [(training.more_modes(), training.most_modes) for _ in range(2)] == [(True, 200), (False, 200)]
+
+
+def test_an_image_of_a_state_that_failed_is_solved_itself(tmp_path):
+    bar, currents = WholeBar(), np.array([[1.0, 0.5], [-1.0, -0.5], [0.25, 0.75], [-0.25, -0.75]])
+    bar.fails = ((1.0, 0.5),)
+    with training_of(bar, tmp_path, [(-1.0, 1.0), (-1.0, 1.0)], states=4) as training:
+        before = len(bar.solves)
+        found = training.solve_tried(bar.potential, currents, 50, "to try", None)
+        assert [row for row, *_ in bar.solves[before:]] == [(1.0, 0.5), (0.25, 0.75), (-1.0, -0.5)]
+        assert (found.solved, len(found.currents)) == (2, 4)
+        assert sorted(found.currents.tolist()) == sorted(currents.tolist())
+        assert [text for text in training.told if "to try" in text] == [
+            f"state {k} of 4 to try" for k in (1, 2, 4)
+        ]
+        assert list(training.states.failed) == [50]
+        # What is there already is not solved again, and begins nowhere.
+        training.solve_tried(lambda values: 1 / 0, currents[1:3], 51, "again", None)
+        assert len(bar.solves) == before + 3
 
 
 def states_of(bar, *currents):

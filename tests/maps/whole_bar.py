@@ -6,6 +6,7 @@ import numpy as np
 
 from fieldmap.device.materials.froehlich import Froehlich
 from fieldmap.device.model import CircularCoil
+from fieldmap.errors import NotConverged, Problem
 from fieldmap.iron.elements.bh_law import law_tables
 from fieldmap.iron.solvers.nonlinear import StateImage
 from tests.maps.bar import bar
@@ -31,7 +32,7 @@ class WholeBar:
         self.surface = SimpleNamespace(field_and_gradient=self._fields)
         reversal = StateImage(np.arange(coils), -np.ones(coils), np.arange(nodes), -1.0)
         self.images = (reversal,) if images else ()
-        self.solves = []
+        self.solves, self.fails = [], ()
 
     def _fields(self, points, charge):
         assert points is POINTS
@@ -42,6 +43,8 @@ class WholeBar:
 
     def solve(self, currents, tolerance, start=None):
         self.solves.append((tuple(currents), tolerance, start))
+        if tuple(currents) in self.fails:
+            raise NotConverged(Problem("bar", "must converge", "no", "refine"))
         return SimpleNamespace(state=SimpleNamespace(potential=self.potential(currents)[:, None]))
 
     def sensitivities(self, currents, potential, directions):
