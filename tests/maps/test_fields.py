@@ -163,6 +163,7 @@ def parts(coarse, monkeypatch):
 
         def tell(text, share):
             texts.append(text)
+            assert 0.0 <= share <= 1.0
             if stop and stop in text:
                 raise KeyboardInterrupt
 
@@ -191,6 +192,14 @@ def test_nodes_are_told_part_by_part_and_a_stopped_run_goes_on_with_those_it_lac
         f"field at the nodes, part {k} of 4" for k in (3, 4)
     ]
     np.testing.assert_array_equal(read_map(parts.folder / "map.h5").flux_density, made.flux_density)
+    # What was kept of another recipe is told of, and left.
+    (parts.folder / "map.h5").unlink()
+    parts.told(stop="part 3 of")
+    recipe = parts.folder / "recipe.toml"
+    recipe.write_text(recipe.read_text().replace("[3.0, 6.0, 6.0]", "[3.0, 5.0, 6.0]"))
+    texts = parts.told()
+    assert sum(text.startswith(checkpoint_path(parts.folder / "map.h5").name) for text in texts) == 1
+    assert not any("resumed" in text for text in texts)
 
 
 def test_later_stages_are_expected_by_what_earlier_ones_took(parts, monkeypatch):
