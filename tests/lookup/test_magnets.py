@@ -273,6 +273,10 @@ def test_a_moment_that_was_measured_is_that_of_the_dipole():
     assert magnetic_body(Payload(mass=0.01, magnet=shape)).moment == pytest.approx(
         1.3 * volume / mu_0, rel=1e-8
     )
+    # One that follows from the shape leaves its numbers as they are.
+    np.testing.assert_array_equal(
+        magnetic_body(Payload(mass=0.01, magnet=shape), 2).moments, magnetic_body(shape, 2).moments
+    )
     # Of finite size it has the same moment, spread as the shape is.
     for level in (2, 3):
         finite = magnetic_body(Payload(mass=0.01, moment=0.9, magnet=shape), level)

@@ -17,6 +17,7 @@ from fieldmap.core import CoreMap
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.field import Field, FieldAtCurrents, as_field
 from fieldmap.lookup import division_domain, interpolate, iron_weights, open_map, saturates, tangent_block
+from fieldmap.lookup.evaluation import outside_error
 from fieldmap.records import Record
 from fieldmap.store import FieldError, MapData, Provenance
 from fieldmap.threads import most_threads
@@ -460,8 +461,36 @@ def test_points_outside_are_counted_and_the_farthest_told_in_mm(coarse):
     assert problem.received == "3 of 5 points outside, the farthest at (0.0, 0.0, 12.3) mm"
 
 
+def test_places_are_told_to_the_nanometre():
+    lower, upper = np.array([-1.0, -0.0123456789, 0.0]), np.array([1.0, 1.0, 0.01])
+    points = np.array([[0.0, 0.0, 0.005], [0.0, -0.0987654321, 0.0], [0.0, 0.0, 0.02]])
+    problem = outside_error(points, 2, lower, upper).problems[0]
+    assert "(-1000.0, -12.345679, 0.0) to (1000.0, 1000.0, 10.0) mm" in problem.must_hold
+    assert problem.received == "2 of 3 points outside, the farthest at (0.0, -98.765432, 0.0) mm"
+
+
+def test_at_fixed_currents_results_go_into_given_arrays_too(coarse, dipoles):
+    at, points = coarse.at(CURRENTS), dipoles.points(6)
+    for where in (points, points[0], points.reshape(2, 3, 3), points[0].tolist()):
+        flux, slope = at.field_and_gradient(where)
+        shape = np.shape(where)[:-1]
+        assert (flux.shape, slope.shape) == ((*shape, 3), (*shape, 3, 3))
+        out = np.empty(flux.shape), np.empty(slope.shape)
+        given = at.field_and_gradient(where, out=out)
+        assert all(np.shares_memory(one, other) for one, other in zip(given, out, strict=True))
+        np.testing.assert_array_equal(out[0], flux)
+        np.testing.assert_array_equal(out[1], slope)
+        np.testing.assert_array_equal(at.field(where), flux)
+        np.testing.assert_array_equal(at.gradient(where), slope)
+
+
 def test_what_an_array_for_results_must_be_is_told(coarse):
-    for out, received in ((np.empty((1, 3), np.float32), "float32 (1, 3)"), ([0.0], "list")):
+    for out, received in (
+        (np.empty((1, 3), complex), "complex128 (1, 3)"),
+        (np.empty((1, 3), np.longdouble), f"{np.dtype(np.longdouble)} (1, 3)"),
+        (np.empty((1, 3), np.float32), "float32 (1, 3)"),
+        ([0.0], "list"),
+    ):
         with pytest.raises(InputError) as caught:
             coarse.field([[0, 0, 0]], CURRENTS, out=out)
         assert caught.value.problems[0].received == received

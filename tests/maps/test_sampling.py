@@ -257,6 +257,8 @@ def test_where_the_fit_is_not_good_there_are_more_candidates_or_more_points(roun
     made = rounds(lambda most: most, 1.5, 60, points=300)
     assert made.asked == [(pytest.approx(0.4), most) for most in (60, 120, 240, 480)]
     assert made.counts == [1000]
+    made = rounds(lambda most: most, 1.5, 300, points=600)
+    assert [most for _, most in made.asked] == [300, 600]
     assert len(rounds(lambda most: 40, 1.5, 400, rounds=2).asked) == 2
 
 
