@@ -223,7 +223,7 @@ def test_lookups_are_tried_all_over_the_box_and_in_its_outer_cells():
 @pytest.fixture(scope="module")
 def uneven():
     """A map of two dipoles, of unequal reference currents, and their exact fields, the second of which is off."""
-    grid = Grid([-0.01, -0.012, -0.02], [2e-3, 3e-3, 2.5e-3], (9, 8, 10))
+    grid = Grid([-0.01, -0.012, -0.02], [3e-3, 4e-3, 3.5e-3], (7, 6, 8))
     sources = np.array([[0.0, 0.01, 0.05], [0.03, -0.05, -0.01]])
     moments = np.array([[0.0, 1.0, 2.0], [1.0, 0.5, -1.0]])
 

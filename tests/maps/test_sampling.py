@@ -216,7 +216,7 @@ def rounds(monkeypatch):
     monkeypatch.setattr(sampling, "solved", lambda model, currents, starts, *_: starts)
     monkeypatch.setattr(GalerkinModel, "solutions", lambda self, currents, starts, *_: starts)
 
-    def made(taken, left, most, points=3000, modes=4, known=2, rounds=sampling.ROUNDS):
+    def made(taken, left, most, points=300, modes=4, known=2, rounds=sampling.ROUNDS):
         vars(noted).update(asked=[], counts=[], of_states=[], tangents=0, told=[], taken=taken, left=left)
         whole = bar(law_tables([Froehlich("steel", 2000.0, 2.1)]), 3, modes, points)
         currents = DOMAIN.at(np.random.default_rng(6).random((known, 3)))
@@ -249,7 +249,7 @@ def test_where_the_fit_is_good_and_states_are_not_it_is_made_better(rounds):
 
 def test_where_the_fit_is_not_good_there_are_more_candidates_or_more_points(rounds):
     """Twice as many each time: of the points if all of them are used, until there are as many as there can be."""
-    made = rounds(lambda most: 40, 1.5, 400)
+    made = rounds(lambda most: 40, 1.5, 400, points=3000)
     assert made.counts == [1000, 2000, 3000]
     assert made.asked == [(pytest.approx(0.4), 400)] * 3
     # Fits to more candidates are of all states, and of the tangents.
@@ -259,7 +259,7 @@ def test_where_the_fit_is_not_good_there_are_more_candidates_or_more_points(roun
     assert made.counts == [1000]
     made = rounds(lambda most: most, 1.5, 300, points=600)
     assert [most for _, most in made.asked] == [300, 600]
-    assert len(rounds(lambda most: 40, 1.5, 400, rounds=2).asked) == 2
+    assert len(rounds(lambda most: 40, 1.5, 400, points=3000, rounds=2).asked) == 2
 
 
 @pytest.mark.parametrize(
