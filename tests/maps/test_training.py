@@ -10,11 +10,12 @@ import pytest
 from fieldmap.currents import CurrentDomain, IndependentCurrents
 from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.maps.forecast import STAGES, Forecast, states_needed
-from fieldmap.maps.training import condensation
+from fieldmap.maps.training import condensation, search
 from fieldmap.maps.training.currents import extreme_signals, held_out, sequence, training_signals
 from fieldmap.maps.training.model_error import larger
 from fieldmap.maps.training.modes import SolvedModes
 from fieldmap.maps.training.plan import Plan
+from fieldmap.maps.training.search import ExtremesTried
 from fieldmap.maps.training.sequence import Training
 from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates
 from fieldmap.maps.training.training import train
@@ -186,6 +187,33 @@ def test_extremes_are_those_of_the_domain(trained):
     searches, rest = divmod(extremes["searched"], min(32, len(signals)) + 64 + 60)
     assert rest == 0
     assert searches >= 1
+    # What is solved first of each kind: the worst and others, and of the searches the first places of the ends.
+    texts, known = [text for text, _ in trained.told], len(trained.found.model.known_currents)
+    first = next(int(text.split()[3]) for text in texts if text.endswith("at extremes"))
+    assert first == 12 if extremes["by_residual"] else first >= extremes["different"] - known
+    assert "state 1 of 4 of the largest residual" in texts
+    assert "state 1 of 8 that fewer modes change most" in texts
+
+
+@pytest.mark.parametrize(
+    ("errors", "looks", "worse"),
+    [
+        # The largest ratio of error and indicator is 0.2, the largest error 0.02: indicators above 0.1.
+        ({1: 0.02, 2: 0.01}, {1: 0.1, 2: 0.2, 3: 0.3, 4: 0.05, 5: 0.11, 6: 0.1}, [3, 5]),
+        ({1: 0.02, 2: 0.01}, {1: 0.1, 2: 0.0, 3: 0.0, 4: 0.05, 5: 0.2, 6: 0.0}, [5]),
+        ({1: 0.5}, {1: 0.0, 2: 0.0, 3: 7.0, 4: 1.0, 5: 1.0, 6: 1.0}, []),
+        ({}, dict.fromkeys(range(1, 7), 1.0), []),
+    ],
+)
+def test_extremes_that_may_be_worse_are_those_of_larger_indicators(errors, looks, worse):
+    assert search._perhaps_worse(errors, [3, 4, 5, 6], looks) == worse
+
+
+def test_two_tries_are_added_up():
+    one, later = ExtremesTried(4, 19, 18, 12, 3, True, 100), ExtremesTried(8, 41, 40, 9, 2, False, 55)
+    assert one.and_again(later) == ExtremesTried(8, 41, 40, 12, 5, False, 155)
+    assert later.and_again(one).solved == 12
+    assert search.allowed(SimpleNamespace(plan=SimpleNamespace(accuracy=1.5e-3))) == 3e-3
 
 
 def test_solves_begin_near_their_ends(trained):
