@@ -10,7 +10,7 @@ import pytest
 from fieldmap.currents import CurrentDomain, IndependentCurrents
 from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.maps.forecast import STAGES, Forecast, states_needed
-from fieldmap.maps.training import condensation, search
+from fieldmap.maps.training import condensation, search, training
 from fieldmap.maps.training.currents import extreme_signals, held_out, sequence, training_signals
 from fieldmap.maps.training.model_error import larger
 from fieldmap.maps.training.modes import SolvedModes
@@ -207,6 +207,15 @@ def test_extremes_are_those_of_the_domain(trained):
 )
 def test_extremes_that_may_be_worse_are_those_of_larger_indicators(errors, looks, worse):
     assert search._perhaps_worse(errors, [3, 4, 5, 6], looks) == worse
+
+
+@pytest.mark.parametrize(("modes", "raised"), [(11, 0), (12, 1), (13, 1)])
+def test_the_limit_of_modes_is_raised_where_all_are_taken(modes, raised):
+    calls, added = [], []
+    known = SimpleNamespace(add=lambda *given: added.append(given))
+    made = SimpleNamespace(most_modes=12, more_modes=lambda: calls.append(1), known=known)
+    training._train_on(made, SimpleNamespace(sampled=SimpleNamespace(modes=modes)), [(1, 2), (3, 4)])
+    assert (len(calls), added) == (raised, [(1, 2), (3, 4)])
 
 
 def test_two_tries_are_added_up():
