@@ -1,7 +1,6 @@
 """The fields of a map between the solver and the file: what is kept of them, in which order, and what it cost."""
 
 import json
-import resource
 import sys
 from types import SimpleNamespace
 
@@ -116,7 +115,10 @@ def test_a_stopwatch_counts_all_processors_and_what_was_spent_before(monkeypatch
 @pytest.mark.parametrize(("platform", "unit"), [("linux", 1024), ("darwin", 1)])
 def test_memory_is_stated_in_bytes(monkeypatch, platform, unit):
     monkeypatch.setattr(sys, "platform", platform)
-    monkeypatch.setattr(resource, "getrusage", lambda who: SimpleNamespace(ru_maxrss=5000))
+    asked = SimpleNamespace(
+        RUSAGE_SELF="own", getrusage=lambda who: SimpleNamespace(ru_maxrss={"own": 5000}[who])
+    )
+    monkeypatch.setitem(sys.modules, "resource", asked)
     assert peak_memory() == {"generation_peak_memory_bytes": 5000 * unit}
     monkeypatch.setitem(sys.modules, "resource", None)
     assert peak_memory() == {}
