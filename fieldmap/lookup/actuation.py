@@ -51,7 +51,7 @@ class Actuation(Record):
         length = np.linalg.norm(self.matrix, axis=1)
         scaled = self.matrix / np.where(length > 0, length, 1.0)[:, None]
         _, size, right = np.linalg.svd(scaled)
-        rank = int(np.sum(size > RANK * max(size.max(initial=0.0), 1e-300)))
+        rank = int(np.sum(size > RANK * size.max(initial=0.0)))
         return np.asarray(right[rank:].T)
 
     @property

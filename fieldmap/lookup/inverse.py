@@ -271,7 +271,7 @@ def starts_on_soft_iron(goal: Goal, scale: float) -> Iterator[Array]:
     even = bool((np.abs(idle).max(axis=1) <= _NO_SLOPE * scale * lengths).all())
     if not even:
         yield none
-    per_length = np.where(lengths > 0.0, 1.0 / np.maximum(lengths, 1e-300), 0.0)
+    per_length = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
     wanted = goal.demand.values * per_length
     if not wanted.any():
         yield none

@@ -31,8 +31,7 @@ def linear_currents(goal: Goal) -> Array:
     constant, matrix = goal.about(np.zeros(len(goal.variables.cost)))
     wanted = goal.demand.values - constant
     # A demand that the constant meets by itself asks for no currents, not for those of rounding.
-    if constant.any():
-        wanted[np.abs(wanted) <= _ROUNDING * np.abs(constant)] = 0.0
+    wanted[np.abs(wanted) <= _ROUNDING * np.abs(constant)] = 0.0
     status, found, active = goal.variables.least_power(matrix, wanted)
     if status != FOUND:
         raise _refusal(goal, status, active, matrix, constant)
@@ -48,7 +47,7 @@ def _refusal(
         must_hold, received = "the active-set method must end", demand.text(demand.values)
         return NotConverged.of("currents_for", must_hold, received, "report this case")
     if status == OUT_OF_RANGE:
-        nearest = matrix @ np.linalg.lstsq(matrix, demand.values - constant, rcond=1e-11)[0] + constant
+        nearest = matrix @ np.linalg.lstsq(matrix, demand.values - constant, rcond=None)[0] + constant
         must_hold = "some currents must meet the demand, without any limits"
         remedy = f"the nearest values that currents reach: {demand.text(nearest)}"
         return demand.infeasible(must_hold, remedy, reachable=nearest)
@@ -77,18 +76,19 @@ def _reachable_share(matrix: Array, constant: Array, wanted: Array, variables: V
     comes from currents that may leave the share 1 - t of the demand to one more column; halving what lies between it
     and 1 finds the end.
     """
-    plain = replace(variables, cost=np.ones(len(variables.cost)))
-    ends = np.abs(np.concatenate([plain.low, plain.high]))
-    widest = max(float(ends[np.isfinite(ends)].max(initial=0.0)), 1e-300)
-    low, high, cost = np.append(plain.low, 0.0), np.append(plain.high, 1.0), np.append(plain.cost, widest**2)
+    low, high = np.append(variables.low, 0.0), np.append(variables.high, 1.0)
+    ends = np.abs(np.concatenate([variables.low, variables.high]))
+    # What is left of the demand costs as much as the largest limit, so that both are of one size.
+    cost = np.append(np.ones(len(variables.low)), ends[np.isfinite(ends)].max(initial=0.0) ** 2 or 1.0)
     beside = np.ascontiguousarray(np.hstack([matrix, wanted[:, None]]))
-    status, found, _ = replace(plain, low=low, high=high, cost=cost).least_power(beside, wanted - constant)
+    with_rest = replace(variables, low=low, high=high, cost=cost)
+    status, found, _ = with_rest.least_power(beside, wanted - constant)
     if status != FOUND:
         return None
     share, more = 1.0 - float(found[-1]), 1.0
     for _ in range(_HALVINGS):
         middle = 0.5 * (share + more)
-        if plain.least_power(matrix, middle * wanted - constant)[0] == FOUND:
+        if variables.least_power(matrix, middle * wanted - constant)[0] == FOUND:
             share = middle
         else:
             more = middle
@@ -187,7 +187,7 @@ class Search:
             if status == FOUND:
                 return found, (1.0 - share) * off
             if status != BEYOND_LIMITS:
-                raise _refusal(self.goal, status, active, slope, given - here)
+                raise _refusal(self.goal, status, active, slope, given)
             share *= 0.5
         raise self._stuck(values)
 
@@ -199,7 +199,7 @@ class Search:
             trial = values + share * (aim - values)
             off_trial = self._off(trial)
             gained = power(values) - power(trial) + self.price * (off - off_trial)
-            if gained >= 0.1 * share * promised > 0.0:
+            if gained >= 0.1 * share * promised:
                 return trial, off_trial
             share *= 0.5
         return None

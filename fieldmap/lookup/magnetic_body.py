@@ -45,9 +45,9 @@ class MagneticBody(Record):
 
     def __post_init__(self) -> None:
         """Raises InputError for points and moments that are not as many finite vectors."""
-        shapes = tuple(np.shape(given) for given in (self.points, self.moments))
-        fits = shapes[0] == shapes[1] and len(shapes[0]) == 2 and shapes[0][1] == 3
-        received, remedy = f"shapes {shapes[0]} and {shapes[1]}", "give a row for each dipole"
+        shape, other = np.shape(self.points), np.shape(self.moments)
+        fits = shape == other == (*shape[:1], 3)
+        received, remedy = f"shapes {shape} and {other}", "give a row for each dipole"
         check(fits, "MagneticBody(points, moments)", "must both have the shape (q, 3)", received, remedy)
         check_signal("MagneticBody(points)", self.points)
         check_signal("MagneticBody(moments)", self.moments)
@@ -252,7 +252,7 @@ class MagneticBody(Record):
         arms = np.einsum("nij,qj->nqi", turn, self.all_points)
         source = as_field(field)
         amperes = coil_currents(currents, source.coil_names, n, finite=False)
-        if amperes.ndim == 2 and len(amperes) == n:
+        if amperes.ndim == 2:
             amperes = np.repeat(amperes, q, axis=0)
         flux, slope = source.field_and_gradient((where[:, None] + arms).reshape(-1, 3), amperes)
         return arms, turn, flux.reshape(n, q, 3), slope.reshape(n, q, 3, 3), single

@@ -1,5 +1,7 @@
 """What an ampere does where iron saturates: the derivative of the map by its currents, and compiled lookups at any."""
 
+from dataclasses import replace
+
 import numba
 import numpy as np
 import pytest
@@ -8,6 +10,8 @@ from fieldmap.currents import IndependentCurrents
 from fieldmap.device.payload import MagnetSphere, Payload, PayloadPiece, SoftSphere
 from fieldmap.device.placement import placed
 from fieldmap.errors import InputError, OutsideMapError
+from fieldmap.iron.elements.bh_law import LawTables
+from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.lookup import (
     compiled_wrench,
     field_actuation,
@@ -16,6 +20,7 @@ from fieldmap.lookup import (
     magnetic_body,
     wrench_actuation,
 )
+from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.store import MapData, ReducedModel
 
 MOMENT = np.array([0.1, -0.2, 0.7])
@@ -240,3 +245,83 @@ def test_one_point_at_the_currents_of_before_is_that_of_many(data, outside):
     assert len(calls) == 2
     m.wrench(PLACE, MOMENT, 0.9 * CURRENTS)
     assert len(calls) == 3
+
+
+@pytest.fixture(scope="module")
+def model(data):
+    """The model of the currents, and one of the same iron that solves closely by arrays alone."""
+    m = data.reduced_model
+    tables = LawTables(
+        m.law_offset.astype(np.int64), m.law_knots, m.law_coefficients, np.array([[0.0], [3e-3]])
+    )
+    exact = GalerkinModel(m.gradients, m.source, m.weights, m.law.astype(np.int64), tables, m.air, m.constant)
+    return CurrentModel(m, data.coil_names), exact
+
+
+AMPERES = np.array([[-1.7], [0.3], [0.9], [1.9]])
+
+
+def test_weights_and_slopes_of_currents_are_those_of_the_equation(model, data):
+    """By Newton's method on the arrays, and central differences of it; each door as exact as it says."""
+    ours, exact = model
+
+    def weights_at(amperes):
+        rows = np.array([exact.solve(row, np.zeros(MODES), 1e-12)[0] for row in amperes])
+        return rows, np.concatenate([amperes, rows @ data.reduced_model.output.T], axis=1)
+
+    amplitudes, weights = weights_at(AMPERES)
+    ahead, behind = (weights_at(AMPERES + step)[1] for step in (1e-4, -1e-4))
+    slopes = ((ahead - behind) / 2e-4)[:, :, None]
+    size = np.abs(weights).max()
+    np.testing.assert_allclose(ours.weights(AMPERES), weights, atol=1e-5 * size)
+    np.testing.assert_allclose(
+        ours.weights(AMPERES.reshape(2, 2, 1)), weights.reshape(2, 2, 3), atol=1e-5 * size
+    )
+    np.testing.assert_allclose(
+        [ours.amplitudes(row) for row in AMPERES], amplitudes, atol=1e-6 * np.abs(amplitudes).max()
+    )
+    np.testing.assert_allclose(ours.slopes(AMPERES), slopes[:, 1:], atol=1e-4 * np.abs(slopes).max())
+    np.testing.assert_allclose(ours.of_amplitudes(amplitudes), weights[:, 1:], rtol=1e-9)
+    search = ours.search()
+    for row, of_row, slope in zip(AMPERES, weights, slopes, strict=True):
+        for found, close in ((ours.weights_and_slopes(row), 1e-5), (search.weights_and_slopes(row), 1e-7)):
+            np.testing.assert_allclose(found[0], of_row, atol=close * size)
+            np.testing.assert_allclose(found[1], slope, atol=1e-4 * np.abs(slopes).max())
+    # Equal currents give equal bits, whatever was asked before; one that follows comes near.
+    np.testing.assert_array_equal(ours.weights(AMPERES[::-1])[::-1], ours.weights(AMPERES))
+    following = CurrentModel(data.reduced_model, data.coil_names, follow=True)
+    np.testing.assert_allclose([following.weights(row) for row in AMPERES], weights, atol=1e-5 * size)
+
+
+def test_currents_beyond_the_domain_by_each_rule(model, data):
+    """2 A; a billionth of the range is rounding."""
+    rows = np.array([[1.0], [2.0 + 3.9e-9], [2.5]])
+    inside = model[0].weights(rows[:2])
+    with pytest.raises(OutsideMapError) as caught:
+        model[0].weights(rows)
+    assert caught.value.problems[0].received == "2.5 A"
+    with pytest.raises(OutsideMapError):
+        model[0].weights_and_slopes(rows[2])
+    flagged = CurrentModel(data.reduced_model, data.coil_names, "nan").weights(rows)
+    np.testing.assert_array_equal(flagged[:2], inside)
+    np.testing.assert_array_equal(flagged[2], [2.5, np.nan, np.nan])
+    anywhere = CurrentModel(data.reduced_model, data.coil_names, "evaluate").weights(rows)
+    amplitude = model[1].solve(rows[2], np.zeros(MODES), 1e-12)[0]
+    np.testing.assert_allclose(anywhere[2], [2.5, *data.reduced_model.output @ amplitude], rtol=1e-5)
+    # Searches and tables may go beyond.
+    np.testing.assert_allclose(model[0].amplitudes(rows[2]), amplitude, rtol=1e-5)
+    assert np.isfinite(model[0].slopes(rows[2:])).all()
+
+
+def test_a_background_has_the_weight_1_behind_the_iron(model, data):
+    background = CurrentModel(replace(data.reduced_model, fixed=np.zeros(3 * POINTS)), ("a",))
+    assert (background.fields_beside_coils, model[0].fields_beside_coils) == (3, 2)
+    plain = model[0].weights(AMPERES)
+    np.testing.assert_allclose(
+        background.weights(AMPERES), np.append(plain, np.ones((4, 1)), axis=1), atol=1e-5
+    )
+    amplitudes = np.ones((2, 4, MODES))
+    found = background.of_amplitudes(amplitudes)
+    np.testing.assert_array_equal(found[..., :2], model[0].of_amplitudes(amplitudes))
+    np.testing.assert_array_equal(found[..., 2], np.ones((2, 4)))
+    assert not background.slopes(AMPERES)[:, 2].any()

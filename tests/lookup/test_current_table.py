@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import fieldmap.lookup.current_table as tables
-from fieldmap.currents import IndependentCurrents, divide_currents
+from fieldmap.currents import IndependentCurrents, LiftAndDirections, divide_currents
 from fieldmap.errors import InputError, OutsideMapError
-from fieldmap.lookup import interpolate
+from fieldmap.lookup import interpolate, table_of_currents
 from fieldmap.store import FieldError, Grid
 from tests.dynamics.conftest import saturating_data
 
@@ -130,3 +130,100 @@ def test_its_error_is_measured_at_all_nodes_on_the_surface_of_the_box(lower):
     assert len(places) == 4 * 5 * 6 - 2 * 3 * 4
     ends = np.isclose(places, 0.0) | np.isclose(places, np.array(grid.shape) - 1)
     assert ends.any(axis=1).all()
+
+
+@pytest.fixture(scope="module")
+def small(pair):
+    """The map, its table of few nodes, and the model that it is made from."""
+    m, _ = pair
+    return m, table_of_currents(m, (4, 6, 5)), m._model
+
+
+def nodes_of(number, lower, upper, count, power):
+    """Node `number`: evenly spaced, or by this power on either side of zero."""
+    share = 2.0 * number / (count - 1) - 1.0
+    return (
+        lower + 0.5 * (share + 1.0) * (upper - lower)
+        if power == 1.0
+        else (-lower if share < 0 else upper) * np.sign(share) * abs(share) ** power
+    )
+
+
+def test_at_its_nodes_a_table_has_weights_and_slopes_of_the_model(small):
+    m, table, model = small
+    assert table.nodes == (4, 6, 5)
+    for i, j, k in [(0, 0, 0), (3, 5, 4), (1, 4, 1), (2, 1, 3)]:
+        u, x, y = (
+            nodes_of(*one) for one in ((i, 1.0, 2.2, 4, 1.0), (j, -0.4, 0.4, 6, 1.5), (k, -0.3, 0.3, 5, 1.5))
+        )
+        currents = divide_currents(u, x, y, N)
+        weights, slopes = model.search().weights_and_slopes(currents)
+        np.testing.assert_allclose(table.weights(currents), weights, rtol=1e-6)
+        np.testing.assert_allclose(table.core.numbers.slopes[i, j, k], slopes[6:].T, rtol=1e-5, atol=1e-9)
+    # Between them by cubics: at this many nodes within a thousandth, in any leading shape, and known the next time.
+    rows = random_currents(6).reshape(2, 3, 6)
+    found, exact = table.weights(rows), model.weights(rows)
+    assert found.shape == exact.shape == (2, 3, 9)
+    assert 1e-9 < np.abs(found - exact).max() < 3e-3 * np.abs(exact).max()
+    assert table_of_currents(m, (4, 6, 5)) is table
+
+
+def test_the_error_of_a_table_is_the_largest_of_its_states(small, data):
+    """In the fields behind the coils', at the nodes of the surface; two thirds of the states anywhere, and a third
+    within a tenth of balance."""
+    _, table, model = small
+    states = tables._states(model, model.model.parametrisation)
+    signals = model.model.parametrisation.nearest(states).values
+    shares = (signals - LOWER) / (UPPER - LOWER)
+    assert len(states) == 300
+    for part, ends in ((shares[:200], (0.0, 1.0)), (shares[200:, 1:], (0.45, 0.55))):
+        assert ends[0] <= part.min() < ends[0] + 0.03 * (ends[1] - ends[0])
+        assert ends[1] - 0.03 * (ends[1] - ends[0]) < part.max() <= ends[1]
+    assert np.ptp(shares[200:, 0]) > 0.9
+    grid = data.grid
+    surface = (np.abs(grid.points()) > 0.0199).any(axis=1)
+    off = (table.weights(states) - model.weights(states))[:, 6:]
+    for values, stated in (
+        (data.flux_density, table.error.flux_density),
+        (data.gradient, table.error.gradient),
+    ):
+        fields = values[6:].reshape(3, len(surface), -1)[:, surface]
+        assert stated == pytest.approx(np.linalg.norm(np.tensordot(off, fields, 1), axis=-1).max(), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "size"),
+    [(None, 0), (FieldError(np.inf, np.inf), 0), (4.001, 0), (3.999, 1), ("gradient", 1), ("flux", 1)],
+)
+def test_more_nodes_are_taken_until_the_error_is_a_quarter_of_the_models(
+    small, data, monkeypatch, wanted, size
+):
+    m, table, model = small
+    monkeypatch.setattr(tables, "SIZES", ((4, 6, 5), (4, 7, 7)))
+    b, g = table.error.flux_density, table.error.gradient
+    if isinstance(wanted, str):
+        wanted = FieldError(
+            3.9 * b if wanted == "flux" else 9 * b, 3.9 * g if wanted == "gradient" else 9 * g
+        )
+    elif isinstance(wanted, float):
+        wanted = FieldError(wanted * b, wanted * g)
+    found = tables.tabulate(model, m._evaluator, data.grid, wanted)
+    assert found.nodes == tables.SIZES[size]
+
+
+@pytest.mark.parametrize("nodes", [(3, 5, 5), (5, 5, 3), (5, 5), (5, 5, 5, 5)])
+def test_fewer_nodes_than_cubics_take_are_refused(data, nodes):
+    with pytest.raises(InputError) as caught:
+        table_of_currents(interpolate(data), nodes)
+    assert caught.value.problems[0].received == str(nodes)
+
+
+def test_signals_that_cannot_be_zero_are_drawn_near_their_nearer_end():
+    domain = SimpleNamespace(lower=np.array([1.0, 0.1, -0.5]), upper=np.array([2.0, 0.3, -0.1]))
+    made = LiftAndDirections(N)
+    states = tables._states(SimpleNamespace(model=domain), made)
+    signals = made.nearest(states).values[200:]
+    assert signals[:, 1].min() == pytest.approx(0.1, abs=1e-3)
+    assert signals[:, 1].max() == pytest.approx(0.12, abs=1e-3)
+    assert signals[:, 2].max() == pytest.approx(-0.1, abs=2e-3)
+    assert signals[:, 2].min() == pytest.approx(-0.14, abs=2e-3)

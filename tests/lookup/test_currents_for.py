@@ -7,8 +7,10 @@ from scipy.optimize import linprog
 from fieldmap.currents import IndependentCurrents
 from fieldmap.device.payload import MagnetSphere, Payload, PayloadPiece, SoftSphere
 from fieldmap.errors import Infeasible, InputError, OutsideMapError
+from fieldmap.field import Field
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import (
+    Actuation,
     MagneticBody,
     capability,
     field_actuation,
@@ -17,6 +19,7 @@ from fieldmap.lookup import (
     magnetic_body,
     wrench_actuation,
 )
+from fieldmap.lookup.demand import demand_of
 from fieldmap.store import Grid, MapData
 from tests.dynamics.conftest import saturating_map
 
@@ -260,7 +263,12 @@ def test_nan_leaves_a_component_free(eight):
         ({"field": [0, 0, np.inf]}, "none infinite"),
         ({"field": [np.nan] * 3}, "not NaN"),
         ({"force": [0, 0, 1], "moment": [0, 0, np.nan]}, "moment.*finite"),
-        ({"force": [0, 0, 1], "moment": [0, 0, 0]}, "moment"),
+        ({"force": [0, 0, 1], "moment": [0, 0, 0]}, "not zero"),
+        ({"force": [0, 0, 1], "moment": [np.nan, 0, 1]}, "moment.*finite"),
+        ({"force": [0, 0, 1], "moment": [0, np.nan, 1]}, "moment.*finite"),
+        ({"field": [0, 0, 1], "resistance": np.inf}, "positive"),
+        ({"field": [0, 0, 1], "resistance": [1, 1, 1, 1, 1, 1, 1, -1]}, "positive"),
+        ({"field": [0, 0, 1], "limits": -1.0}, "a pair"),
         ({"torque": [0, 0, np.nan], "moment": [0, -0.0, 0]}, "moment"),
         ({"field": [0, 0, 1], "limits": (1.0, -1.0)}, "lower <= upper"),
         ({"field": [0, 0, 1], "limits": np.ones(3)}, "a pair"),
@@ -274,6 +282,124 @@ def test_nan_leaves_a_component_free(eight):
 def test_arguments_that_cannot_be_used(eight, arguments, words):
     with pytest.raises(InputError, match=words):
         eight.currents_for([0, 0, -0.06], **arguments)
+
+
+def test_the_largest_component_is_that_of_the_ends_of_each_coil():
+    """A coil that does nothing adds nothing, however wide its limits; what is there already counts along the axis."""
+    inf, matrix = np.inf, np.array([[0.1, -0.3, 0.0], [0.0, 0.5, 0.0]])
+    axes = [[1.0, 0.0], [0.0, 1.0], [0.0, -1.0], [2.0, 1.0]]
+    limits = [-1.0, -inf, -inf], [2.0, 4.0, inf]
+    free, shifted = Actuation(("Bx", "By"), matrix), Actuation(("Bx", "By"), matrix, np.array([0.5, 0.25]))
+    assert free.largest(axes, limits).tolist() == [inf, 2.0, inf, pytest.approx(inf)]
+    assert shifted.largest(axes[1], limits).tolist() == [2.25]
+    for given in (2, 2.0, ([-2, -2, -2], 2.0)):
+        assert free.largest(axes, given) == pytest.approx([0.8, 1.0, 1.0, 0.4 + 0.2])
+        assert shifted.largest(axes, given) == pytest.approx([1.3, 1.25, 0.75, 0.6 + 1.25])
+    assert free.largest(axes, 0).tolist() == free.largest(axes, 0.0).tolist() == [0.0] * 4
+
+
+@pytest.mark.parametrize(
+    ("matrix", "rank"),
+    [
+        (np.zeros((2, 3)), 0),
+        ([[1e-9, 0, 0], [0, 1e9, 0]], 2),
+        ([[1, 0, 0], [1, 2.1e-10, 0]], 2),
+        ([[1, 0, 0], [1, 1.9e-10, 0]], 1),
+    ],
+)
+def test_rows_count_by_their_directions(matrix, rank):
+    """Of which two are one if they are apart by less than 2e-10 of their length."""
+    found = Actuation(("Bx", "By"), np.array(matrix, float))
+    assert (found.rank, found.null_space.shape) == (rank, (3, 3 - rank))
+    lengths = np.linalg.norm(matrix, axis=1)[:, None] + 1e-300
+    assert np.abs((np.array(matrix) / lengths) @ found.null_space).max() < 1e-9
+
+
+def test_a_field_that_has_no_derivatives_has_no_matrix(eight):
+    class OfItsOwn(Field):
+        coil_names = tuple("12345678")
+
+        def field(self, points, currents):
+            return eight.field(points, np.square(currents))
+
+        def gradient(self, points, currents):
+            return eight.gradient(points, np.square(currents))
+
+    for given in (None, np.ones(8)):
+        with pytest.raises(InputError):
+            field_actuation(OfItsOwn(), [0, 0, -0.06], given)
+
+
+COMPONENTS = (
+    "Fx",
+    "Fy",
+    "Fz",
+    "Tx",
+    "Ty",
+    "Tz",
+    "Bx",
+    "By",
+    "Bz",
+    "dBx/dx",
+    "dBx/dy",
+    "dBx/dz",
+    "dBy/dy",
+    "dBy/dz",
+)
+
+
+@pytest.mark.parametrize("load", [MOMENT, MAGNETS], ids=["dipole", "body"])
+@pytest.mark.parametrize("number", range(14))
+def test_each_component_of_a_demand_selects_its_own(load, number):
+    """Of a made-up field on a dipole; of a made-up load and field on a body."""
+    random, asked = np.random.default_rng(number), {}
+    wrench, flux, slope = random.standard_normal(6), random.standard_normal(3), random.standard_normal((3, 3))
+    given = [wrench, flux, slope.ravel()]
+    if load is MOMENT:
+        wrench, given = np.concatenate([MOMENT @ slope, np.cross(MOMENT, flux)]), given[1:]
+    values = np.full(14, np.nan)
+    values[number] = 0.5
+    parts = {
+        "force": values[:3],
+        "torque": values[3:6],
+        "field": values[6:9],
+        "gradient": np.full((3, 3), np.nan),
+    }
+    parts["gradient"][[0, 0, 0, 1, 1], [0, 1, 2, 1, 2]] = values[9:]
+    for name, part in parts.items():
+        asked[name] = None if np.isnan(part).all() else part
+    demand = demand_of(asked["force"], load, asked["torque"], asked["field"], asked["gradient"])
+    assert (demand.names, demand.values.tolist()) == ((COMPONENTS[number],), [0.5])
+    wanted = [*wrench, *flux, *slope[[0, 0, 0, 1, 1], [0, 1, 2, 1, 2]]]
+    assert demand.selection @ np.concatenate(given) == pytest.approx([wanted[number]], rel=1e-12)
+    unit = {"F": "N", "T": "N m", "B": "T", "d": "T/m"}[COMPONENTS[number][0]]
+    assert demand.text(demand.values) == f"{COMPONENTS[number]} = 0.5 {unit}"
+    assert not demand.on_soft_iron
+
+
+def test_zeros_of_a_demand_are_not_told():
+    demand = demand_of(None, None, None, [1.0, 0.0, -2.0], None)
+    assert demand.text(demand.values) == "Bx = 1 T, Bz = -2 T"
+    assert demand.text(np.array([1.0, 0.9e-9, 1.1e-9])) == "Bx = 1 T, Bz = 1.1e-09 T"
+    assert demand.text(np.zeros(3)) == "zero"
+    assert demand_of([0.0, 0.0, 1.0], BEAD, None, None, None).on_soft_iron
+
+
+@pytest.mark.parametrize("name", ["resistance", "limits", "field", "gradient"])
+def test_of_a_long_argument_eighty_signs_are_told(eight, name):
+    given = "no numbers" * 20
+    with pytest.raises(InputError) as caught:
+        eight.currents_for([0, 0, -0.06], **{"field": [0, 0, 1e-3], name: given})
+    assert caught.value.problems[0].received == repr(given)[:80]
+
+
+@pytest.mark.parametrize("moment", [[0, 0, 1], [0, 1, 0], [1, 0, 0], [1, -1, 0], [1, 0, -1], [0, 1, -1]])
+def test_a_moment_of_zero_sum_is_a_moment(eight, moment):
+    wanted = 1e-3 * wrench_actuation(eight, [0, 0, -0.06], np.array(moment, float)).matrix[:3].sum(axis=1)
+    found = eight.currents_for([0, 0, -0.06], wanted, moment)
+    np.testing.assert_allclose(
+        eight.wrench([0, 0, -0.06], moment, found)[:3], wanted, atol=1e-9 * np.abs(wanted).max()
+    )
 
 
 def test_outside_the_map(eight):

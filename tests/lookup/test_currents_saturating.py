@@ -9,14 +9,14 @@ from scipy.optimize import linprog, minimize
 from fieldmap.currents import CoilGroups, IndependentCurrents, LiftAndDirections
 from fieldmap.device.model import Arctangent
 from fieldmap.device.payload import SoftSphere
-from fieldmap.errors import Infeasible, InputError, OutsideMapError, Problem
+from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.iron import NonlinearSolver
-from fieldmap.lookup import MagneticBody, currents_for, interpolate, magnetic_body
+from fieldmap.lookup import MagneticBody, currents_for, interpolate, inverse, magnetic_body
 from fieldmap.lookup.current_model import CurrentSearch
 from fieldmap.lookup.demand import Demand, demand_of
-from fieldmap.lookup.inverse import best_of, least_power_currents
-from fieldmap.lookup.inverse_problem import SumOfFields, Variables
-from fieldmap.lookup.inverse_search import Search
+from fieldmap.lookup.inverse import best_of, least_power_currents, starts_on_soft_iron
+from fieldmap.lookup.inverse_problem import SolvedField, SumOfFields, Variables
+from fieldmap.lookup.inverse_search import Search, linear_currents
 from fieldmap.store import Grid, MapData
 from tests.dynamics.conftest import saturating_map
 from tests.iron.test_differential_inductance import device as core_beside_magnet
@@ -149,6 +149,134 @@ def goal(wanted, limit, about):
     return SimpleNamespace(demand=demand, variables=variables, about=about, evaluations=0)
 
 
+def linear(matrix, constant, wanted, low, high):
+    """A goal of flux densities matrix @ currents + constant."""
+    matrix, constant, coils = np.array(matrix, float), np.array(constant, float), len(matrix[0])
+    demand = Demand(("Bx", "By")[: len(matrix)], np.zeros((len(matrix), 12)), np.array(wanted, float))
+    variables = Variables(
+        tuple("abc")[:coils], np.array(low, float), np.array(high, float), np.array([1.0, 4.0, 9.0])[:coils]
+    )
+    return SimpleNamespace(
+        demand=demand, variables=variables, about=lambda i: (matrix @ i + constant, matrix), evaluations=0
+    )
+
+
+@pytest.mark.parametrize("size", [1.0, 1e6, 1e-6])
+@pytest.mark.parametrize(
+    ("constant", "wanted", "high", "share"),
+    # Of two coils that give 1 and 2 for each ampere, within -0.5 and 1, -1 and `high`.
+    [
+        (0.0, 6.0, 1.0, 0.5),
+        (1.0, 6.0, 1.0, 4.0 / 6.0),
+        (-1.0, 6.0, 1.0, 2.0 / 6.0),
+        (0.0, -5.0, 1.0, 0.5),
+        (-7.0, 6.0, 1.0, None),
+        (0.0, 3.001, 1.0, 3.0 / 3.001),
+        (0.0, 1.7, 0.25, 1.5 / 1.7),
+    ],
+)
+def test_the_share_of_a_demand_within_limits_is_that_of_the_ends(constant, wanted, high, share, size):
+    goal = linear([[1.0 / size, 2.0 / size]], [constant], [wanted], [-0.5 * size, -size], [size, high * size])
+    with pytest.raises(Infeasible) as caught:
+        linear_currents(goal)
+    error, ends = caught.value, (size, high * size) if wanted > 0 else (-0.5 * size, -size)
+    assert error.binding == dict(zip("ab", ends, strict=True))
+    assert error.share == (None if share is None else pytest.approx(share, rel=1e-10))
+    assert f"coil a at {ends[0]:g} A, coil b at {ends[1]:g} A" in error.problems[0].must_hold
+    assert error.problems[0].received == f"Bx = {wanted:g} T"
+    if share is None:
+        assert "no share" in error.problems[0].remedy
+        return
+    assert error.reachable == pytest.approx([share * wanted])
+    assert f"allow {share:.6g} of the demand: Bx = {share * wanted:.6g} T" in error.problems[0].remedy
+
+
+def test_no_currents_at_all_give_no_share():
+    with pytest.raises(Infeasible, match="no share"):
+        linear_currents(linear([[1.0, 2.0]], [0.0], [1.0], [0.0, 0.0], [0.0, 0.0]))
+
+
+def test_least_power_of_unequal_resistances_and_what_is_there_already():
+    """Power i^2 + 4 j^2 and i + 2 j = 4: i = 2, j = 1. A demand that is there but for rounding costs nothing."""
+    wide = [-9.0, -9.0], [9.0, 9.0]
+    assert linear_currents(linear([[1.0, 2.0]], [1.0], [5.0], *wide)) == pytest.approx([2.0, 1.0])
+    for off, nothing in ((0.5e-13, True), (2e-13, False), (-2e-13, False)):
+        found = linear_currents(linear([[1.0, 2.0]], [5.0], [5.0 * (1.0 + off)], *wide))
+        assert (not found.any()) == nothing
+    with pytest.raises(Infeasible) as caught:
+        linear_currents(linear([[1.0], [1.0]], [0.5, 1.0], [2.0, 3.0], [-9.0], [9.0]))
+    # The nearest of what one coil gives of two components.
+    assert caught.value.reachable == pytest.approx([2.25, 2.75])
+    assert caught.value.share is None
+
+
+def search_of(goal, first, scale=0.1):
+    return Search(goal, np.array(first, float), np.full(len(first), scale), **CLOSELY)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "first", "scale", "typical"),
+    [
+        # 3 - 0 is given by (0.2, 0.4) of the shortest changes, times three.
+        (3.0, [0.0, 0.0], 0.1, [0.6, 1.2]),
+        (3.0, [5.0, -1.0], 0.1, [5.0, 1.6]),
+        (3.0, [0.0, 0.0], 20.0, [2.0, 2.0]),
+        (0.0, [0.5, -0.25], 0.1, [0.5, 0.4]),
+    ],
+)
+def test_what_is_missed_is_judged_by_what_typical_currents_give(wanted, first, scale, typical):
+    search = search_of(linear([[1.0, -2.0]], [0.0], [wanted], [-9, -9], [9, 9]), first, scale)
+    gives, (i, j) = typical[0] + 2.0 * typical[1], typical
+    assert search.size == pytest.approx([max(gives, wanted)])
+    assert search.price == pytest.approx(10.0 * (i * i + 4.0 * j * j))
+    missed = abs(first[0] - 2.0 * first[1] - wanted)
+    assert search._off(np.array(first)) == pytest.approx(missed / max(gives, wanted), abs=1.1e-12)
+
+
+def test_an_aim_beyond_the_limits_is_a_half_or_a_quarter_of_the_way():
+    """At 0.6 of at most 1 there are 0.9 missing: a quarter of it can be had."""
+    search = search_of(linear([[1.0]], [0.0], [1.5], [-1.0], [1.0]), [0.6])
+    aim, left = search._aim(np.array([0.6]), 0.8)
+    assert (aim[0], left) == (pytest.approx(0.825), pytest.approx(0.6))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "values", "binding"),
+    [
+        # A ten-thousandth of the range, or of the largest where that is infinite.
+        ([-1, -1], [1, 1], [0.99981, -0.99979], {"a": 0.99981}),
+        ([-1, -1], [1, 1], [0.5, -0.99981], {"b": -0.99981}),
+        ([0, 0], [np.inf, np.inf], [4e-5, 0.5], {"a": 4e-5}),
+        ([0, 0], [np.inf, np.inf], [6e-5, 0.5], {}),
+    ],
+)
+def test_where_a_search_is_stuck_the_limits_that_it_has_reached_are_told(low, high, values, binding):
+    error = search_of(linear([[1.0, 2.0]], [0.5], [9.0], low, high), [0.1, 0.1])._stuck(np.array(values))
+    assert error.binding == binding
+    assert error.reachable == pytest.approx([values[0] + 2.0 * values[1] + 0.5])
+    assert ("bind: none" in error.problems[0].must_hold) == (not binding)
+
+
+def test_a_search_ends_with_the_evaluations_of_its_call():
+    """After a thousand of them it has what it began with, or what is nearly met by the least change."""
+    goal = linear([[1.0, 2.0]], [0.0], [3.0], [-9, -9], [9, 9])
+    goal.evaluations = 999
+    assert search_of(goal, [0.0, 0.0]).run() == pytest.approx([1.5, 0.75])
+    goal.evaluations = 1000
+    # By i / 1 = j * 4 / 2 of least power, not from where it begins.
+    assert search_of(goal, [1.0, 0.9]).run() == pytest.approx([1.1, 0.95])
+    flat = linear([[0.0, 0.0]], [0.0], [3.0], [-9, -9], [9, 9])
+    flat.evaluations = 1000
+    search = search_of(flat, [0.0, 0.0])
+    with pytest.raises(NotConverged) as caught:
+        search.run()
+    assert "100 steps and 1000 evaluations" in caught.value.problems[0].must_hold
+    assert caught.value.problems[0].received == "1.0e+00 of the demand left"
+    assert search.left_by(caught.value) == np.inf
+    assert search.left_by(Infeasible(Problem("", "", "", ""), reachable=np.array([-1.0]))) == 4.0
+    assert search.left_by(Infeasible(Problem("", "", "", ""))) == np.inf
+
+
 def test_power_that_a_demand_costs_does_not_stand_in_its_way():
     """One coil that saturates, and a first price of the demand far below what it costs."""
     saturating = goal(0.9, [10.0], lambda i: (np.tanh(i), 1.0 / np.cosh(i)[:, None] ** 2))
@@ -209,9 +337,169 @@ def test_of_several_searches_the_one_of_least_power_counts():
 
     found = best_of([ended(1.0, 1.0), ended(1.0, -0.5), failed(0.9), ended(-1.0, 1.0)])
     np.testing.assert_array_equal(found, [1.0, -0.5])
+    # With the evaluations of a call used up the first search is the last, whether it fails or not.
+    for evaluations, best in ((999, 0.1), (1000, 1.0)):
+        fresh.evaluations = evaluations
+        np.testing.assert_array_equal(best_of([ended(1.0, 1.0), ended(0.1, 0.1)]), [best, best])
+    with pytest.raises(Infeasible):
+        best_of([failed(0.2), ended(1.0, 1.0)])
+    fresh.evaluations = 0
     with pytest.raises(Infeasible) as caught:
         best_of([failed(0.2), failed(0.9), failed(0.5)])
     assert caught.value.reachable == 0.9
+
+
+QUADRATIC = np.array(
+    [
+        [[3.0, 0.5, 0.0], [0.5, 1.0, 0.2], [0.0, 0.2, -2.0]],
+        [[-1.0, 0.3, 0.1], [0.3, 0.5, 0.0], [0.1, 0.0, 2.0]],
+    ]
+)
+
+
+def pulled(wanted, low=-9.0, high=9.0, linear=0.0):
+    """Two components of second order in three currents, and a linear part of the first one."""
+    slope = linear * np.array([[0.1, 0.2, -0.3], [0.0, 0.0, 0.0]])
+    variables = Variables(tuple("abc"), np.full(3, low), np.full(3, high), np.ones(3))
+    return SimpleNamespace(
+        demand=SimpleNamespace(values=np.array(wanted)),
+        variables=variables,
+        about=lambda i: (np.einsum("k,rkn,n->r", i, QUADRATIC, i) + slope @ i, 2.0 * QUADRATIC @ i + slope),
+    )
+
+
+def scaled(direction, wanted):
+    given = direction @ QUADRATIC[0] @ direction
+    return None if given <= 0.0 else np.sqrt(wanted / given) * direction
+
+
+@pytest.mark.parametrize("scale", [0.5, 1e-3])
+@pytest.mark.parametrize(("low", "ways"), [(-9.0, 1), (-8.0, 2)])
+def test_searches_on_soft_iron_begin_along_the_strongest_directions(low, ways, scale):
+    """Of the demand, and with more or less of the other component beside it, each component over its largest second
+    derivative; as long as the first component takes."""
+    wanted, lengths = np.array([2.4, 0.2]), np.array([6.0, 4.0])
+    starts = list(starts_on_soft_iron(pulled(wanted, low), scale))
+    share = wanted / lengths / (wanted[0] / lengths[0])
+    expected = []
+    for aside in (0.0, 1.0, -1.0):
+        matrix = np.einsum("r,rkn->kn", (share + [0.0, aside]) / lengths, QUADRATIC)
+        for vector in np.linalg.eigh(matrix)[1].T[:0:-1]:
+            expected += [
+                one
+                for one in [scaled(way * vector, wanted[0]) for way in (1.0, -1.0)[:ways]]
+                if one is not None
+            ]
+    assert len(starts) == len(expected) > 3 * ways
+    for found, one in zip(starts, expected, strict=True):
+        sign = np.sign(found @ one) if ways == 1 else 1.0
+        np.testing.assert_allclose(sign * found, one, rtol=1e-6, atol=1e-9)
+
+
+def test_where_iron_has_a_moment_of_its_own_searches_begin_without_currents():
+    """A linear part above rounding: no currents first, then both ways. Where nothing is wanted: no currents alone."""
+    for linear, first in ((1e-10, False), (1e-7, True)):
+        starts = list(starts_on_soft_iron(pulled([2.4, 0.2], linear=linear), 1.0))
+        assert (not starts[0].any()) == first
+        assert len(starts) == (1 + 2 * 5 if first else 5)
+    nothing = list(starts_on_soft_iron(pulled([0.0, 0.0]), 1.0))
+    assert [start.tolist() for start in nothing] == [[0.0, 0.0, 0.0]]
+
+
+@pytest.mark.parametrize(("ratio", "kept"), [(1.005, True), (1.02, False)])
+def test_a_start_within_a_hundredth_is_left_as_it_is(ratio, kept):
+    direction = np.array([1.0, 0.0, 0.0])
+    found = inverse._as_long_as_needed(pulled([3.0 * ratio**2 * 0.25, 0.0]), 0, 7.0 * direction, 0.5)
+    assert found[0] == pytest.approx(0.5 if kept else 0.5 * ratio, rel=1e-12)
+    held = inverse._as_long_as_needed(pulled([300.0, 0.0], high=2.0), 0, direction, 0.5)
+    assert held[0] == 2.0
+    assert inverse._as_long_as_needed(pulled([-1.0, 0.0]), 0, direction, 0.5) is None
+
+
+def test_a_solved_device_as_fields_of_its_coils_and_the_rest():
+    """Made up: the derivatives by two currents, and a field of which they are not all."""
+    random = np.random.default_rng(14)
+    flux, slope = random.standard_normal((4, 3)), random.standard_normal((4, 3, 3))
+    by_flux, by_slope = random.standard_normal((4, 2, 3)), random.standard_normal((4, 2, 3, 3))
+    asked = []
+
+    def by_currents(points, currents):
+        asked.append((points, currents))
+        return flux, slope, by_flux, by_slope
+
+    field, points, about = SolvedField(by_currents, ("a", "b")), random.random((4, 3)), np.array([2.0, -3.0])
+    fields, weights, slopes = field.at(points)(about)
+    np.testing.assert_array_equal(weights, [0.0, 0.0, 1.0])
+    np.testing.assert_array_equal(slopes, [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
+    for k, (b, g) in enumerate(
+        [(by_flux[:, 0], by_slope[:, 0]), (by_flux[:, 1], by_slope[:, 1]), (flux, slope)]
+    ):
+        np.testing.assert_array_equal(fields[:, k], np.concatenate([b, g.reshape(4, 9)], axis=1))
+    linear = field.linear_about(about)
+    assert (linear.coil_names, linear.constant) == (("a", "b"), True)
+    b, g = np.empty((4, 3, 3)), np.empty((4, 3, 3, 3))
+    linear.each_field(points, b, g)
+    for found, each, here in ((b, by_flux, flux), (g, by_slope, slope)):
+        np.testing.assert_array_equal(found[:, :2], each)
+        np.testing.assert_allclose(found[:, 2], here - 2.0 * each[:, 0] + 3.0 * each[:, 1], rtol=1e-12)
+    assert all(given[0] is points and given[1] is about for given in asked)
+
+
+def test_a_place_that_the_fields_do_not_know_is_told_in_mm():
+    def each_field(points, flux, slope):
+        flux[:], slope[:] = 1.0, 1.0
+        flux[points[:, 0] > 0.01] = np.nan
+
+    fields = SumOfFields(each_field, ("a",))
+    with pytest.raises(OutsideMapError) as caught:
+        fields.at(np.array([[0.0, 0.0, 0.0], [0.02, -0.0123456789, 0.003]]))
+    problem = caught.value.problems[0]
+    assert problem.received == "(20.0, -12.345679, 3.0) mm"
+    assert "the whole body" in problem.must_hold
+    with pytest.raises(OutsideMapError, match="a place in the map's box"):
+        fields.at(np.array([[0.02, 0.0, 0.0]]))
+
+
+def test_how_searches_are_set_up(divided, monkeypatch):
+    """Where they begin, the usual size of currents, and which shares of the demand and of the power are left."""
+
+    class StopError(Exception):
+        pass
+
+    def noted(goal, first, scale, met, saving, remedy):
+        raise StopError(first.tolist(), scale.tolist(), met, saving, "start=" in remedy)
+
+    monkeypatch.setattr(inverse, "Search", noted)
+    bead, demand = (
+        magnetic_body(SoftSphere(1e-3, mu_r=100.0)),
+        demand_of(None, None, None, [0.0, 0.0, 1.0], None),
+    )
+
+    def by_currents(points, currents):
+        n = len(points)
+        return np.zeros((n, 3)), np.zeros((n, 3, 3)), np.ones((n, 2, 3)), np.ones((n, 2, 3, 3))
+
+    def set_up(field, demand=demand, limits=None, start=None):
+        with pytest.raises(StopError) as caught:
+            least_power_currents(field, POSITION, demand, limits, None, start, None)
+        return caught.value.args
+
+    solved = SolvedField(by_currents, ("a", "b"))
+    assert set_up(solved) == ([0.0, 0.0], [1.0, 1.0], 1e-5, 1e-5, True)
+    assert set_up(solved, limits=(0.5, 3.0)) == ([0.5, 0.5], [0.5, 0.5], 1e-5, 1e-5, True)
+    assert set_up(solved, limits=(-4.0, 3.0)) == ([0.0, 0.0], [4.0, 4.0], 1e-5, 1e-5, True)
+    assert set_up(solved, start=[0.5, -2.0]) == ([0.5, -2.0], [2.0, 2.0], 1e-5, 1e-5, False)
+    # Soft iron allows more of the power; the model of a map says what is usual.
+    on_bead = demand_of([0.0, 0.0, 1e-6], bead, None, None, None)
+    assert set_up(solved, on_bead, start=[0.5, 1.0])[2:4] == (1e-5, 1e-5)
+    reduced = divided.info.reduced_model
+    signals = reduced.parametrisation.nearest(reduced.known_currents).values
+    for asked, saving in ((demand, 1e-12), (on_bead, 1e-7)):
+        first, scale, *ends = set_up(divided._fields_of_currents(), asked)
+        assert ends == [1e-9, saving, True]
+        np.testing.assert_allclose(scale, np.maximum(np.abs(signals).max(axis=0), 1e-12))
+        middle = reduced.parametrisation.nearest(reduced.known_currents.mean(axis=0)).values
+        np.testing.assert_allclose(first, middle, atol=1e-12)
 
 
 def over(model, parametrisation, lower, upper, known):
@@ -260,9 +548,20 @@ def test_a_force_by_the_signals_of_a_division(divided):
     np.testing.assert_array_equal(
         divided.currents_for(POSITION, force, body, 1.01 * most, start=known), found
     )
-    with pytest.raises(Infeasible) as caught:
-        divided.currents_for(POSITION, force, body, 0.99 * most, start=known)
-    assert f"in coil {np.argmax(np.abs(found)) + 1}" in caught.value.problems[0].received
+    least = np.abs(found).min()
+    # A millionth of the largest current is rounding.
+    for limits in ((-1.0 - 5e-7) * most, (-most, most * (1.0 - 5e-7)), (least + 5e-7 * most, 2.0 * most)):
+        bound = (limits, -limits) if np.isscalar(limits) else limits
+        np.testing.assert_array_equal(divided.currents_for(POSITION, force, body, bound, start=known), found)
+    lowest = int(np.argmin(found))
+    for limits, coil in (
+        ((1.0 - 2e-6) * most, np.argmax(np.abs(found))),
+        ((found[lowest] + 2e-6 * most, 9.0), lowest),
+    ):
+        with pytest.raises(Infeasible) as caught:
+            divided.currents_for(POSITION, force, body, limits, start=known)
+        received = caught.value.problems[0].received
+        assert f"takes {found[coil]:.6g} A in coil {coil + 1}" in received
     # Ten times what the largest lift of the map gives: the search ends at the end of a signal.
     much = 10.0 * divided.wrench(POSITION, moment, domain.at(np.array([1.0, 0.5, 0.5])))[:3]
     with pytest.raises(Infeasible, match="signal") as caught:

@@ -9,7 +9,14 @@ from scipy.spatial.transform import Rotation
 from fieldmap.device.model import MagnetBlock, MagnetCylinder, MagnetSphere, Payload
 from fieldmap.errors import InputError, NotConverged, OutsideMapError
 from fieldmap.field import Field
-from fieldmap.lookup import finite_magnet, interpolate, magnetic_body, soft_sphere_force, volume_rule
+from fieldmap.lookup import (
+    MagneticBody,
+    finite_magnet,
+    interpolate,
+    magnetic_body,
+    soft_sphere_force,
+    volume_rule,
+)
 from fieldmap.store import Grid, MapData
 from tests.lookup.conftest import Loops
 
@@ -150,6 +157,7 @@ def test_refusals(field):
         finite_magnet(MagnetBlock((0.02, 0.02, 0.02), 1.0), field)
     assert caught.value.problems[0].where == "finite_magnet, shape"
     assert f"{10 * np.sqrt(3):.6g} mm" in caught.value.problems[0].received
+    assert "box, 30, 30, 30 mm" in caught.value.problems[0].must_hold
     with pytest.raises(NotConverged, match="1e-15"):
         finite_magnet(CYLINDER, field, 1e-15)
     with pytest.raises(OutsideMapError):
@@ -157,9 +165,51 @@ def test_refusals(field):
     for wrong in (np.ones((3, 3)), np.eye(2), np.zeros((2, 3, 3))):
         with pytest.raises(InputError, match="orientations"):
             volume_rule(CYLINDER, 2).wrench(field, [0, 0, 0], [1.0, 1.0], wrong)
-    for wrong in ({"diameter": -1.0}, {"diameter": 0.01, "mu_r": 0.5}):
+    for wrong in (
+        {"diameter": -1.0},
+        {"diameter": 0.0},
+        {"diameter": np.inf},
+        {"diameter": 0.01, "mu_r": 0.999},
+    ):
         with pytest.raises(InputError, match="diameter > 0"):
             soft_sphere_force(field, [0, 0, 0], [1.0, 1.0], **wrong)
+
+
+def test_a_sphere_without_iron_feels_no_force(field):
+    assert not soft_sphere_force(field, [[0.001, 0.002, 0.003]], [1.0, 1.0], 0.01, 1.0).any()
+
+
+def test_rules_are_tried_where_the_magnet_fits_in_either_coil_and_any_way_up(monkeypatch):
+    """In all directions, forty places all over what is left of the box; the error is the largest of force or torque, as
+    a share of its own largest."""
+    lower, upper, radius = np.array([-0.02, -0.01, 0.03]), np.array([0.04, 0.03, 0.06]), 0.5 * np.sqrt(77e-6)
+    asked, box = [], MagnetBlock(size=(0.004, 0.005, 0.006), remanence=1.2)
+
+    class Noting(Loops):
+        bounds = lower, upper
+
+    def wrench(self, source, places, currents, turns):
+        asked.append((places, currents, turns))
+        first, size = np.zeros((len(places), 6)), 1.0 + len(self.points) ** -1.0
+        first[3, :3], first[7, 3:] = [3.0 * size, 0.0, 4.0], [0.0, 0.2, 0.0]
+        first[5, 3:] = [0.0, 0.0, -0.1 * size]
+        return first
+
+    monkeypatch.setattr(MagneticBody, "wrench", wrench)
+    found = finite_magnet(box, Noting(LOOPS, 1e3), 0.2)
+    # From eight points to 27 the force changes by 3 / 8 - 3 / 27 of 5 and a little, the torque by half of its share.
+    assert (len(found.points), len(asked)) == (8, 3)
+    force = 3.0 * (1.0 / 8.0 - 1.0 / 27.0)
+    assert found.error == pytest.approx(force / np.hypot(3.0 * (1.0 + 1.0 / 27.0), 4.0))
+    places, currents, turns = asked[0]
+    assert len(places) == 80
+    assert currents.tolist() == [[1.0, 0.0], [0.0, 1.0]] * 40
+    np.testing.assert_array_equal(places[::2], places[1::2])
+    np.testing.assert_allclose(turns @ np.swapaxes(turns, 1, 2), np.tile(np.eye(3), (80, 1, 1)), atol=1e-12)
+    assert np.ptp(turns, axis=0).min() > 0.9
+    assert (places > lower + radius).all()
+    assert (places < upper - radius).all()
+    assert (np.ptp(places, axis=0) > 0.85 * (upper - lower - 2 * radius)).all()
 
 
 class Pole(Field):
@@ -222,6 +272,10 @@ def test_a_moment_that_was_measured_is_that_of_the_dipole():
     volume = np.pi / 4 * 0.01**2 * 0.012
     assert magnetic_body(Payload(mass=0.01, magnet=shape)).moment == pytest.approx(
         1.3 * volume / mu_0, rel=1e-8
+    )
+    # One that follows from the shape leaves its numbers as they are.
+    np.testing.assert_array_equal(
+        magnetic_body(Payload(mass=0.01, magnet=shape), 2).moments, magnetic_body(shape, 2).moments
     )
     # Of finite size it has the same moment, spread as the shape is.
     for level in (2, 3):

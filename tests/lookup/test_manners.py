@@ -1,18 +1,27 @@
 """What an opened map does with odd arguments, threads, pickles, and who it drags in."""
 
+import importlib
 import os
 import pickle
+import pkgutil
+import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import is_dataclass, replace
 
 import numpy as np
 import pytest
 
+from fieldmap.core import CoreMap
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.field import Field, FieldAtCurrents, as_field
-from fieldmap.lookup import interpolate, open_map
-from fieldmap.store import MapData
+from fieldmap.lookup import division_domain, interpolate, iron_weights, open_map, saturates, tangent_block
+from fieldmap.lookup.evaluation import outside_error
+from fieldmap.records import Record
+from fieldmap.store import FieldError, MapData, Provenance
+from fieldmap.threads import most_threads
+from tests.dynamics.conftest import saturating_data
 
 CURRENTS = np.array([1.0, 1.0, 1.0])
 
@@ -348,3 +357,172 @@ def test_opening_a_map_loads_nothing_that_a_lookup_does_not_need(another_process
     single = ("fieldmap.device.schema", "fieldmap.device.model")
     packages = ("magpylib", "netgen", "pyvista", "numba", "scipy", "pydantic")
     assert not [n for n in loaded if n.split(".")[0] in packages or n.startswith(parts) or n in single]
+
+
+def text_of(card):
+    """Words of an HTML card."""
+    return re.sub(r"<[^>]*>|\\s+", " ", card).split()
+
+
+def test_what_it_is_in_numbers(dipoles):
+    """Box in mm, nodes, coefficients and errors, each a number of its own."""
+    data = replace(
+        dipoles.map((6, 5, 7), 2),
+        provenance=Provenance(title="two dipoles", device_name="rig", assumptions=("no iron",)),
+        error_bounds={"harmonic": FieldError(1.4e-6, 3.5e-4)},
+        reference_current=np.array([2.0, 0.5]),
+    )
+    m = interpolate(data)
+    text = " ".join(text_of(m._repr_html_()))
+    for words in (
+        "FieldMap, harmonic", "two dipoles", "a, b", "linear: any currents", "no field",
+        "-20 x -15 x -30 to 20 x 20 x 10 mm", f"336 nodes, {m.nbytes / 1e6:.1f} MB of coefficients",
+        "at most 1.4e-06 T and 0.00035 T/m against the solver",
+    ):  # fmt: skip
+        assert words in text
+    assert m.nbytes == pytest.approx(6 * 5 * 7 * 2 * 36 * 8, rel=0.02)
+    assert "not certified" in " ".join(text_of(interpolate(data, "hermite")._repr_html_()))
+    assert repr(m) == "FieldMap(harmonic, 2 coils, box -20 to 20, -15 to 20, -30 to 10 mm, 336 nodes)"
+    one = interpolate(dipoles.map((6, 5, 7), 1))
+    assert "1 coil," in repr(one)
+    assert m.assumptions == ("no iron",)
+    assert (m.error_bound.flux_density, m.error_bound.gradient) == (1.4e-6, 3.5e-4)
+    # The step of the gradient grows with the current that is largest beside its reference, and is at least that of it.
+    step = m.jump().gradient_bound
+    for currents, share in (([4.0, 0.5], 2.0), ([-1.0, -2.0], 4.0), ([0.2, 0.1], 1.0)):
+        assert m.gradient_jump(np.array(currents)) == pytest.approx(share * step)
+    error, jump, misfit = m.interpolation_error, m.jump(), m._form.misfit
+    assert error.flux_density == max(jump.flux_density, misfit.flux_density)
+    assert error.gradient == max(jump.gradient, misfit.gradient)
+
+
+def test_of_saturating_iron_both_errors_are_told():
+    data = replace(
+        saturating_data(),
+        error_bounds={"harmonic": FieldError(1e-6, 2e-4)},
+        current_error=FieldError(3e-5, 4e-3),
+    )
+    m = interpolate(data)
+    text = " ".join(text_of(m._repr_html_()))
+    for words in (
+        "saturating: the currents of its domain", "error of the interpolation at most 1e-06 T and 0.0002 T/m",
+        "error of the current model up to 3e-05 T and 0.004 T/m found at solved states",
+    ):  # fmt: skip
+        assert words in text
+    assert (m.proportional, m.affine) == (False, False)
+    lower, upper, n = division_domain(m)
+    assert (lower.tolist(), upper.tolist(), n) == ([1.0, -0.4, -0.3], [2.2, 0.4, 0.3], 1.25)
+    assert saturates(m)
+    free = interpolate(saturating_data(free=True))
+    assert division_domain(free) is None
+    # Lookups by rows of currents, by the last set and by others are one; derivatives are those of the model.
+    random = np.random.default_rng(9)
+    points, rows = random.uniform(-0.015, 0.015, (3, 3)), random.uniform(-2.0, 2.0, (3, 6))
+    apart = np.array([free.field(point, row) for point, row in zip(points, rows, strict=True)])
+    np.testing.assert_allclose(free.field(points, rows), apart, rtol=1e-5, atol=1e-9)
+    flux, slope, by_flux, by_slope = free.by_currents(points, rows[0])
+    weights, slopes = iron_weights(free, rows)
+    assert (weights.shape, slopes.shape) == ((3, 3), (3, 3, 6))
+    for k in range(6):
+        step = 1e-4 * np.eye(6)[k]
+        ahead, behind = (free.field_and_gradient(points, rows[0] + sign * step) for sign in (1, -1))
+        for found, one, other in (
+            (by_flux[:, k], ahead[0], behind[0]),
+            (by_slope[:, k], ahead[1], behind[1]),
+        ):
+            exact = (one - other) / 2e-4
+            np.testing.assert_allclose(found, exact, atol=2e-2 * np.abs(exact).max() + 1e-9)
+    np.testing.assert_allclose(flux, free.field(points, rows[0]), rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(slope, free.gradient(points, rows[0]), rtol=1e-5, atol=1e-8)
+    # The tangent at currents touches the map there: its fields with these currents and 1 behind them.
+    block = tangent_block(free, rows[0])
+    core = CoreMap(block)
+    found, steep = np.empty((3, 3)), np.empty((3, 3, 3))
+    core.fields(points, np.append(rows[0], 1.0)[None], found, steep)
+    np.testing.assert_allclose(found, flux, rtol=1e-6, atol=1e-10)
+    core.fields(points, np.append(np.eye(6)[2], 0.0)[None], found, steep)
+    np.testing.assert_allclose(found, by_flux[:, 2], rtol=1e-6, atol=1e-10)
+
+
+def test_points_outside_are_counted_and_the_farthest_told_in_mm(coarse):
+    points = np.array(
+        [
+            [0.0, 0.0, 0.0],
+            [-0.0205, 0.0, 0.0],
+            [0.0, 0.020000123, 0.0],
+            [np.nan, 0.0, 0.0],
+            [0.0, 0.0, 0.0123],
+        ]
+    )
+    with pytest.raises(OutsideMapError) as caught:
+        coarse.field(points, CURRENTS)
+    problem = caught.value.problems[0]
+    assert "(-20.0, -15.0, -30.0) to (20.0, 20.0, 10.0) mm" in problem.must_hold
+    assert problem.received == "3 of 5 points outside, the farthest at (0.0, 0.0, 12.3) mm"
+
+
+def test_places_are_told_to_the_nanometre():
+    lower, upper = np.array([-1.0, -0.0123456789, 0.0]), np.array([1.0, 1.0, 0.01])
+    points = np.array([[0.0, 0.0, 0.005], [0.0, -0.0987654321, 0.0], [0.0, 0.0, 0.02]])
+    problem = outside_error(points, 2, lower, upper).problems[0]
+    assert "(-1000.0, -12.345679, 0.0) to (1000.0, 1000.0, 10.0) mm" in problem.must_hold
+    assert problem.received == "2 of 3 points outside, the farthest at (0.0, -98.765432, 0.0) mm"
+
+
+def test_at_fixed_currents_results_go_into_given_arrays_too(coarse, dipoles):
+    at, points = coarse.at(CURRENTS), dipoles.points(6)
+    for where in (points, points[0], points.reshape(2, 3, 3), points[0].tolist()):
+        flux, slope = at.field_and_gradient(where)
+        shape = np.shape(where)[:-1]
+        assert (flux.shape, slope.shape) == ((*shape, 3), (*shape, 3, 3))
+        out = np.empty(flux.shape), np.empty(slope.shape)
+        given = at.field_and_gradient(where, out=out)
+        assert all(np.shares_memory(one, other) for one, other in zip(given, out, strict=True))
+        np.testing.assert_array_equal(out[0], flux)
+        np.testing.assert_array_equal(out[1], slope)
+        np.testing.assert_array_equal(at.field(where), flux)
+        np.testing.assert_array_equal(at.gradient(where), slope)
+
+
+def test_what_an_array_for_results_must_be_is_told(coarse):
+    for out, received in (
+        (np.empty((1, 3), complex), "complex128 (1, 3)"),
+        (np.empty((1, 3), np.longdouble), f"{np.dtype(np.longdouble)} (1, 3)"),
+        (np.empty((1, 3), np.float32), "float32 (1, 3)"),
+        ([0.0], "list"),
+    ):
+        with pytest.raises(InputError) as caught:
+            coarse.field([[0, 0, 0]], CURRENTS, out=out)
+        assert caught.value.problems[0].received == received
+        assert "shape (1, 3)" in caught.value.problems[0].must_hold
+    frozen = np.empty((1, 3))
+    frozen.flags.writeable = False
+    with pytest.raises(InputError):
+        coarse.field([[0, 0, 0]], CURRENTS, out=frozen)
+
+
+@pytest.mark.parametrize(("asked", "threads"), [(None, most_threads()), (3, 3), (0, 1), (-2, 1), (2.9, 2)])
+def test_threads_are_at_least_one(dipoles, asked, threads):
+    assert interpolate(dipoles.map((4, 3, 4), 1), threads=asked)._box.threads == threads
+
+
+# What is equal where its numbers are; all other records hold arrays, and are equal to themselves alone.
+OF_NUMBERS = {"Shortfall", "IronModel", "MapOutput", "Errors", "ExtremesTried", "Round"}
+
+
+@pytest.mark.parametrize("package", ["fieldmap.lookup", "fieldmap.maps"])
+def test_records_do_not_change_and_show_themselves_in_the_way_of_records(package):
+    there = importlib.import_module(package)
+    modules = [
+        importlib.import_module(one.name) for one in pkgutil.walk_packages(there.__path__, f"{package}.")
+    ]
+    kinds = {kind for module in modules for kind in vars(module).values() if isinstance(kind, type)}
+    own = {kind for kind in kinds if is_dataclass(kind) and kind.__module__.startswith(package)}
+    assert len(own) > 10
+    for kind in own:
+        how = kind.__dataclass_params__
+        assert how.frozen == issubclass(kind, Record), kind
+        assert how.eq == (kind.__name__ in OF_NUMBERS), kind
+        assert how.repr == (kind.__name__ in {"Errors", "ExtremesTried"} or not issubclass(kind, Record)), (
+            kind
+        )

@@ -1,9 +1,12 @@
 """Soft spheres and ellipsoids, several pieces in one body, currents for them: against closed forms and differences."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import scipy.constants
 from scipy.integrate import quad
+from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 
 import fieldmap as fm
@@ -28,6 +31,7 @@ from fieldmap.lookup import (
     wrench_actuation,
 )
 from fieldmap.lookup.inverse_problem import Goal
+from fieldmap.lookup.soft_body import knots_of
 from fieldmap.store import Grid, MapData
 from tests.lookup.conftest import Loops
 
@@ -123,9 +127,12 @@ def test_demagnetising_factors_of_three_axes():
             return 1 / ((s + a[k] ** 2) * np.sqrt(np.prod(s + a**2)))
 
         assert found[k] == pytest.approx(a.prod() / 2 * quad(shape, 0, np.inf, epsabs=1e-13)[0], rel=1e-8)
-    with pytest.raises(InputError) as caught:
-        demagnetising_factors([1.0, 0.0, 1.0])
-    assert caught.value.problems[0].where == "demagnetising_factors(axes)"
+    for wrong in ([1.0, 0.0, 1.0], [1.0, -1.0, 1.0], [1.0, np.inf, 1.0], [np.nan, 1.0, 1.0], [1.0, 1.0]):
+        with pytest.raises(InputError) as caught:
+            demagnetising_factors(wrong)
+        assert caught.value.problems[0].where == "demagnetising_factors(axes)"
+    # Equal axes need no integral, whose three values would differ by rounding.
+    assert demagnetising_factors([2.0, 2.0, 2.0]).tolist() == [1.0 / 3.0] * 3
 
 
 def test_torque_of_a_prolate_ellipsoid():
@@ -154,6 +161,21 @@ def test_ellipsoids_of_a_law_fulfil_its_equations(size):
     else:
         exact = np.interp(np.linalg.norm(h), points.field, points.polarisation)
         assert np.linalg.norm(j) == pytest.approx(exact, rel=2e-2)
+
+
+def test_knots_of_a_law_have_the_integral_of_its_cubics():
+    """J dh from 0 on, by scipy's cubics; of a law whose knots and slopes follow no rule."""
+    h, j, slope = (
+        np.array([0.0, 0.3, 1.0, 2.5]),
+        np.array([0.0, 1.2, 1.7, 1.9]),
+        np.array([5.0, 2.0, 0.4, 0.1]),
+    )
+    points = SimpleNamespace(field=h, polarisation=j, slope=slope)
+    found = knots_of(SimpleNamespace(points=lambda: points))
+    law = CubicHermiteSpline(h, j, slope)
+    exact = h, j, slope, [law.integrate(0.0, end) for end in h]
+    for ours, theirs in zip(found, exact, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-12)
 
 
 PAIR = Payload(
@@ -410,6 +432,32 @@ def test_a_field_of_points_takes_bodies_as_a_map_does(opened):
     assert caught.value.problems[0].where == "wrench, orientations"
 
 
+def test_moments_and_energies_of_places_are_those_of_each(opened):
+    """Of two soft pieces and a magnet, with currents for all places or for each."""
+    body, amperes = magnetic_body(PAIR), np.linspace(-3.0, 4.0, 8)
+    places, turns = 1e-3 * np.array([[1.0, 0.5, -2.5], [-0.5, 1.0, 0.0]]), np.stack([TURN, TURN.T])
+    for currents in (amperes, np.array([amperes, 0.5 * amperes])):
+        rows = np.broadcast_to(currents, (2, 8))
+        for ask, shape in (
+            (body.energy, ()),
+            (body.induced_moment, (2, 3)),
+            (body.whole_moment, (3,)),
+            (body.wrench, (6,)),
+        ):
+            together = ask(opened, places, currents, turns)
+            apart = [ask(opened, *one) for one in zip(places, rows, turns, strict=True)]
+            assert together.shape == (2, *shape)
+            assert [np.shape(one) for one in apart] == [shape, shape]
+            np.testing.assert_allclose(together, apart, rtol=1e-12, atol=1e-20)
+    induced = body.induced_moment(opened, places, amperes, turns)
+    own = turns @ body.moments[0]
+    np.testing.assert_allclose(
+        body.whole_moment(opened, places, amperes, turns), induced.sum(axis=1) + own, rtol=1e-12
+    )
+    assert body.count == 3
+    assert body.moment == pytest.approx(1.2 / MU0 * np.pi / 6 * 27e-9)
+
+
 def test_compiled_wrench_and_slopes_are_those_of_the_body(opened):
     body, at = magnetic_body(PAIR), np.array([0.001, 0.0005, -0.0025])
     currents = np.linspace(-3.0, 4.0, 8)
@@ -430,6 +478,7 @@ def test_bad_bodies_are_refused():
         (SoftSphere(1e-3, "steel"), "the name 'steel'"),
         (SoftSphere(1e-3, fm.PermanentMagnet("magnet", 1.05, [0.0, 0.0, 1.2])), "a magnet"),
         (SoftSphere(1e-3, mu_r=0.5), "0.5"),
+        (SoftSphere(1e-3, mu_r=1.0), "1.0"),
     ):
         with pytest.raises(InputError) as caught:
             magnetic_body(wrong)

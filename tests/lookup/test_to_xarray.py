@@ -117,7 +117,26 @@ def test_the_certified_error_is_that_of_the_lookup(xarray, dipoles):
     data = interpolate(bounded, kind="global").to_xarray(1.0)
     assert data["flux_density"].attrs["certified_error"] == 1e-6
     assert data["gradient"].attrs["certified_error"] == 2e-4
+    units = interpolate(bounded, kind="global").to_xarray()
+    assert units["unit_flux_density"].attrs["certified_error"] == 1e-6
+    assert units["unit_gradient"].attrs["certified_error"] == 2e-4
     assert "certified_error" not in interpolate(bounded).to_xarray(1.0)["flux_density"].attrs
+    # What no current drives has no error of its own.
+    fixed = replace(
+        bounded,
+        coil_names=("a", "b"),
+        reference_current=np.ones(2),
+        fixed_sources=("magnet",),
+        constant_field=True,
+    )
+    whole = interpolate(fixed, kind="global").to_xarray()
+    assert list(whole.data_vars)[1:3] == ["constant_flux_density", "constant_gradient"]
+    assert "certified_error" not in whole["constant_gradient"].attrs
+    assert whole["constant_flux_density"].attrs["units"] == "T"
+    assert whole["constant_gradient"].attrs["long_name"].endswith("with all currents off, of magnet")
+    np.testing.assert_allclose(
+        whole["constant_flux_density"], units["unit_flux_density"].sel(coil="c"), atol=1e-12
+    )
 
 
 def test_currents_that_do_not_fit(xarray, field):

@@ -8,6 +8,7 @@ import sys
 import warnings
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -18,7 +19,7 @@ from fieldmap.errors import MapAccuracyWarning, MapErrorTooLarge
 from fieldmap.io.map_summary import summarise_map
 from fieldmap.iron import NonlinearSolver
 from fieldmap.maps import generation
-from fieldmap.maps.acceptance import shortfall
+from fieldmap.maps.acceptance import require_accuracy, shortfall
 from fieldmap.maps.training import condensation, sampling, sequence, training
 from fieldmap.maps.training.currents import is_among
 from fieldmap.maps.training.plan import Plan
@@ -366,3 +367,74 @@ def test_the_states_that_are_needed_follow_from_the_rounds_and_cost_what_states_
     # No recipe holds more.
     most = Plan(**{**vars(PLAN), "states": 4096})
     assert shortfall(used, most).states is None
+
+
+def missed(flux, gradient, **more):
+    """A report of these largest shares at 3 and 4 states, with 20 of 40 states used up, 100 s for 50 solves."""
+    tried = {"at random": (flux, 1e-4, 3), "at extremes": (1e-4, gradient, 4)}
+    names = ("flux_density_share", "gradient_share", "states")
+    return {
+        "held_out_within": 2e-3,
+        "states_tried": {kind: dict(zip(names, one, strict=True)) for kind, one in tried.items()},
+        "error_parts": parts(0.1, 0.002, 0.001, ["states"]),
+        **more,
+    }
+
+
+def test_the_refusal_of_a_map_states_its_errors_and_what_would_do():
+    with pytest.raises(MapErrorTooLarge) as caught:
+        require_accuracy(missed(0.0123, 0.034), PLAN, Path("there.h5"), False)
+    (problem,) = caught.value.problems
+    assert "0.2 % of B and 0.4 % of the gradient" in problem.must_hold
+    assert problem.received == (
+        "1.2 % of B and 3.4 % of the gradient at 7 states, against the solver on the same mesh; the states fall short, "
+        "states and modes leave 10 %, sample points change 0.2 %, fewer modes and points change 0.1 %, "
+        "used up: all 41 states"
+    )
+    assert "raise currents.states from 40 to 80 (all states are solved anew), or" in problem.remedy
+    assert "there.h5 is not written" in problem.remedy
+    assert (caught.value.part, caught.value.reached.states) == ("states", 7)
+    # What is accepted, made without a plan, or within what was asked for, passes.
+    assert require_accuracy(missed(0.0123, 0.034), PLAN, Path("there.h5"), True) == caught.value.reached
+    assert require_accuracy(missed(0.0123, 0.034), None, Path("there.h5"), False) == caught.value.reached
+    assert require_accuracy(missed(0.002, 0.004), PLAN, Path("there.h5"), False) is None
+    with pytest.raises(MapErrorTooLarge, match=r"there\.h5 is there, its error accepted"):
+        require_accuracy(missed(0.1, 0.1, accepted_error={}), PLAN, Path("there.h5"), False)
+
+
+@pytest.mark.parametrize(
+    ("spent", "words"),
+    # 40 states more than the 50 solved: 1.8 times as long.
+    [
+        (49.7, "about 89 s,"),
+        (50.0, "about 2 minutes,"),
+        (1500.0, "about 45 minutes,"),
+        (2999.9, "about 90 minutes,"),
+        (3000.0, "about 1.5 hours,"),
+        (6000.0, "about 3.0 hours,"),
+    ],
+)
+def test_what_more_states_cost_is_told_in_a_rough_unit(spent, words):
+    about = missed(0.1, 0.1, states_solved=50, generation_seconds=spent)
+    with pytest.raises(MapErrorTooLarge) as caught:
+        require_accuracy(about, PLAN, Path("there.h5"), False)
+    assert words in caught.value.problems[0].remedy
+
+
+@pytest.mark.parametrize(
+    ("flux", "gradient", "words"),
+    [
+        # Half of the largest error, rounded up to two digits; of the gradient half as much counts.
+        (0.01234, 0.001, "accuracy = 0.0062,"),
+        (0.0124, 0.0248, "accuracy = 0.0062,"),
+        (0.001, 0.4961, "accuracy = 0.13,"),
+        (1.98, 0.1, "accuracy = 0.99,"),
+        (1.999, 0.1, "make the range"),
+        (float("inf"), 0.1, "make the range"),
+    ],
+)
+def test_where_states_do_not_help_the_accuracy_that_was_reached_is_offered(flux, gradient, words):
+    about = missed(flux, gradient, error_parts=parts(0.001, 0.2, 0.001, ["points"]))
+    with pytest.raises(MapErrorTooLarge) as caught:
+        require_accuracy(about, PLAN, Path("there.h5"), False)
+    assert caught.value.problems[0].remedy.startswith(("ask for less, " if "acc" in words else "") + words)

@@ -1,24 +1,32 @@
 """The certificate of a map is a bound, and no loose one: against exact coils at many points, near all its faces too."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fieldmap.device import read_device
 from fieldmap.interpolants import cell_form, global_form
 from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
-from fieldmap.lookup import open_map
+from fieldmap.lookup import interpolate, open_map
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.maps.error_bound import (
     FACE_DEGREE,
     FACE_POINTS,
+    SOLVER_POINTS,
+    SURFACE_DEGREE,
+    SURFACE_POINTS,
     _BeyondFaces,
     between_samples,
     box_surface,
     certified_bounds,
     difference_of_polynomials,
+    interpolation_error,
+    sample_points,
 )
 from fieldmap.sources import unit_flux_densities
-from fieldmap.store import Grid, read_map
+from fieldmap.store import Grid, MapData, read_map
+from tests.lookup.conftest import dipole_field, dipole_gradient
 
 
 def dense_points(opened, count=5_000):
@@ -187,3 +195,87 @@ def test_samples_lie_on_all_six_faces():
     for axis in range(3):
         for end in (grid.lower[axis], grid.upper[axis]):
             assert (points[:, axis] == end).sum() == 16
+    # Chebyshev points of [0, 1] along each of the other two axes.
+    unit = 0.5 + 0.5 * np.polynomial.chebyshev.chebpts1(4)
+    shares = (points - grid.lower) / (grid.upper - grid.lower)
+    for axis in range(3):
+        face = shares[shares[:, axis] == 0.0]
+        for other in {0, 1, 2} - {axis}:
+            np.testing.assert_allclose(np.sort(face[:, other]), np.repeat(unit, 4), atol=1e-12)
+
+
+def test_lookups_are_tried_all_over_the_box_and_in_its_outer_cells():
+    """At 200 random places, the same on every run, and at the centres of the 26 cells at corners, edges and faces."""
+    grid = Grid([0.0, 1.0, 2.0], [0.5, 0.25, 1.0], (6, 5, 8))
+    points = sample_points(grid)
+    assert len(points) == 226
+    np.testing.assert_array_equal(sample_points(grid), points)
+    shares = (points[:200] - grid.lower) / (grid.upper - grid.lower)
+    assert ((shares >= 0.0) & (shares <= 1.0)).all()
+    assert np.abs(shares.mean(axis=0) - 0.5).max() < 0.07
+    assert np.ptp(shares, axis=0).min() > 0.97
+    cells = {tuple(cell) for cell in ((points[200:] - grid.lower) / grid.spacing).round(9)}
+    ends = [(0.5, 2.5, 4.5), (0.5, 2.5, 3.5), (0.5, 3.5, 6.5)]
+    middle = tuple(end[1] for end in ends)
+    assert cells == {(x, y, z) for x in ends[0] for y in ends[1] for z in ends[2]} - {middle}
+
+
+@pytest.fixture(scope="module")
+def uneven():
+    """A map of two dipoles, of unequal reference currents, and their exact fields, the second of which is off."""
+    grid = Grid([-0.01, -0.012, -0.02], [3e-3, 4e-3, 3.5e-3], (7, 6, 8))
+    sources = np.array([[0.0, 0.01, 0.05], [0.03, -0.05, -0.01]])
+    moments = np.array([[0.0, 1.0, 2.0], [1.0, 0.5, -1.0]])
+
+    def exact(points, scale=(1.0, 1.0)):
+        parts = [
+            (dipole_field(*one, points), dipole_gradient(*one, points))
+            for one in zip(moments, sources, strict=True)
+        ]
+        return tuple(np.array([s * part[j] for s, part in zip(scale, parts, strict=True)]) for j in (0, 1))
+
+    flux, slope = (values.reshape(2, *grid.shape, *values.shape[2:]) for values in exact(grid.points()))
+    data = MapData(grid, ("a", "b"), [2.0, 0.5], flux_density=flux, gradient=slope)
+    return data, exact
+
+
+def summed(opened, exact, points, scale):
+    """Largest sums over the fields, times their scale, of the norms of differences: B, then gradient."""
+    ours = opened.unit_field(points), opened.unit_gradient(points)
+    rows = [
+        sum(
+            s * np.linalg.norm((mine[:, k] - theirs[k]).reshape(len(points), -1), axis=1)
+            for k, s in enumerate(scale)
+        )
+        for mine, theirs in zip(ours, exact(points), strict=True)
+    ]
+    return [row.max() for row in rows]
+
+
+def test_the_measured_error_is_that_of_hermite_lookups_each_field_at_its_reference_current(uneven):
+    data, exact = uneven
+    found = interpolation_error(data, exact)
+    wanted = summed(interpolate(data, "hermite"), exact, sample_points(data.grid), (2.0, 0.5))
+    assert [found.flux_density, found.gradient] == pytest.approx(wanted, rel=1e-6)
+
+
+def test_the_bound_is_that_of_the_surface_and_of_the_cells(uneven):
+    """What the polynomial of the whole box is off at Chebyshev points of the surface, times the factor of these, and
+    what the cells' differ from it."""
+    data, exact = uneven
+    scale = np.array([3.0, 0.25])
+    asked = []
+    bounds = certified_bounds(data, lambda points: asked.append(points) or exact(points), scale)
+    (points,) = asked
+    assert len(points) == SOLVER_POINTS
+    np.testing.assert_array_equal(points, box_surface(data.grid, SURFACE_POINTS))
+    wanted = between_samples(SURFACE_POINTS, SURFACE_DEGREE) * np.array(
+        summed(interpolate(data, "global"), exact, points, scale)
+    )
+    whole, cells = global_form(data, "raise"), cell_form(data, "raise")
+    inner = difference_of_polynomials(cells, whole, data.grid, scale)
+    for name, expected in (("global", wanted), ("harmonic", wanted + inner)):
+        assert [bounds[name].flux_density, bounds[name].gradient] == pytest.approx(expected, rel=1e-6)
+    # Where no polynomial holds the whole box, nothing is certified.
+    flux = data.flux_density + np.random.default_rng(3).standard_normal(data.flux_density.shape)
+    assert certified_bounds(replace(data, flux_density=flux), exact, scale) == {}

@@ -10,7 +10,7 @@ from fieldmap.device.materials.froehlich import Froehlich
 from fieldmap.iron.elements.bh_law import law_tables, straight_laws
 from fieldmap.maps.training import condensation
 from fieldmap.maps.training.condensation import condensed
-from fieldmap.maps.training.currents import extreme_signals
+from fieldmap.maps.training.currents import extreme_signals, sequence
 from tests.maps.bar import Bar, bar, solved
 
 ACCURACY = 1e-3
@@ -153,3 +153,83 @@ def test_adjoint_states_say_what_a_disturbance_changes(free):
         expected = 0.5 * (ahead - behind) @ free.fields / size
         ours = direction @ states._adjoint[0]
         assert np.abs(ours - expected).max() < 1e-3 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(
+    ("modes", "needed", "found"),
+    [
+        (40, 1, 8),
+        (40, 8, 8),
+        (40, 9, 16),
+        (40, 32, 32),
+        (40, 33, None),
+        (41, 33, 40),
+        (41, 41, None),
+        (8, 1, None),
+        (200, 150, 152),
+    ],
+)
+def test_the_fewest_modes_come_in_steps_of_eight(modes, needed, found):
+    """Of a model of which so many are needed; None where that is all of them."""
+    assert condensation._fewest(modes, lambda count: count, lambda count: count >= needed) == found
+
+
+def test_states_of_the_choice_and_of_its_test_share_the_extremes(monkeypatch):
+    """Half of the first fill the domain, half are drawn; others are drawn for the test."""
+    box = CurrentDomain(IndependentCurrents(4), np.full(4, -1.5), np.full(4, 2.0))
+    edges = box.parametrisation.currents(extreme_signals(box))
+    by, tried = condensation._currents(box)
+    half = (len(edges) + 1) // 2
+    assert half <= 64
+    assert (len(by), len(tried)) == (400 + half, 200 + len(edges) - half)
+    np.testing.assert_array_equal(by[:200], box.parametrisation.currents(sequence(box, 200)))
+    both = np.concatenate([by[400:], tried[200:]])
+    assert {tuple(row) for row in both} == {tuple(row) for row in edges}
+    for rows in (by, tried):
+        assert (rows >= box.lower).all()
+        assert (rows <= box.upper).all()
+    # Neither is in the order of the extremes.
+    assert not np.array_equal(np.sort(by[400:], axis=0), np.sort(edges[::2], axis=0))
+    many = CurrentDomain(IndependentCurrents(8), np.full(8, -1.5), np.full(8, 2.0))
+    assert [len(rows) for rows in condensation._currents(many)] == [464, 264]
+
+
+def test_currents_lie_beside_those_of_signals_by_a_twentieth_of_the_largest():
+    box = CurrentDomain(LiftAndDirections(1.25), np.array([0.3, -0.4, -0.4]), np.array([2.0, 0.4, 0.4]))
+    by, _ = condensation._currents(box)
+    own, beside = np.split(by, 2)
+    assert all(box.holds(row) for row in own[::20])
+    shares = (beside - own) / np.abs(own).max(axis=1, keepdims=True)
+    assert 0.0499 < shares.max() <= 0.05
+    assert -0.05 <= shares.min() < -0.0499
+    assert np.abs(shares.mean(axis=0)).max() < 0.005
+
+
+def test_conditions_on_the_points_are_met_by_their_own_weights(free):
+    """All factors at one give what is wanted; an error of 1 % of the volume counts as one of half the accuracy in each
+    state."""
+    currents = free.domain.at(np.random.default_rng(5).random((7, 3)))
+    states = condensation._States(free.model, currents, solved(free.model, currents), free.fields)
+    basis = np.eye(free.model.modes)
+    volume = free.model.weights / free.model.weights.sum()
+    found = [states.conditions(free.model, basis, accuracy) for accuracy in (1e-3, 1e-2)]
+    for products, wanted, size in found:
+        np.testing.assert_allclose(products.sum(axis=1), wanted, rtol=1e-9)
+        assert wanted.sum() == pytest.approx(size**2, rel=1e-9)
+    # Of fields and energies everything is in multiples of the accuracy.
+    rest = (1e-6 * found[0][0] - 1e-4 * found[1][0]) / (1e-6 - 1e-4)
+    weight = 7 * 0.5**2 / 0.01**2
+    scale = np.abs(found[1][0]).max()
+    np.testing.assert_allclose(rest, weight * np.outer(volume, volume), atol=1e-8 * scale)
+    # One state: what a point less changes of the field, and a little of the energy.
+    one = condensation._States(free.model, currents[:1], solved(free.model, currents[:1]), free.fields)
+    products, wanted, size = one.conditions(free.model, basis, 1e-3)
+    weights = free.model.weights.copy()
+    weights[150] *= 1.0 + 1e-4
+    amplitude = solved(free.model, currents[:1])[0]
+    off = replace(free.model, weights=weights).solve(currents[0], amplitude, 1e-12)[0] - amplitude
+    factor = free.model.tangent_factor(currents[0], amplitude)
+    of_field = np.linalg.norm(off @ free.fields) / np.linalg.norm(amplitude @ free.fields)
+    of_energy = 0.03 * np.linalg.norm(factor.T @ off) / np.linalg.norm(factor.T @ amplitude)
+    expected = (np.hypot(of_field, of_energy) / 1e-3) ** 2 / 1e-8 + 2500.0 * volume[150] ** 2
+    assert products[150, 150] == pytest.approx(expected, rel=0.02)

@@ -7,8 +7,9 @@ import pytest
 import fieldmap as fm
 from fieldmap.errors import MapFileError, RecipeError
 from fieldmap.maps.error_bound import interpolation_error
-from fieldmap.maps.near_sources import least_distance
+from fieldmap.maps.near_sources import least_distance, require_use
 from fieldmap.maps.recipe import choose_grid
+from fieldmap.store import FieldError, Grid
 from fieldmap.store.map_data import MapData
 from tests.iron.shared import at
 
@@ -88,6 +89,66 @@ def test_lookups_at_the_least_distance_are_as_good_as_wanted(pole, spacing, want
 
     distance = least_distance(spacing, wanted)
     assert error_at(distance) < wanted < error_at(distance / 3)
+
+
+def test_what_is_asked_of_a_distance_is_told_in_numbers(tmp_path, pole):
+    """1 % of B; by the accuracy, twice of it, and 4.31 mm between nodes 2 mm apart. A third of that takes 0.93 mm."""
+    near = [-0.01, -0.01, -0.012], [0.01, 0.01, -2e-3]
+    (problem,) = refused(tmp_path, pole, near, 2.5e-3)
+    assert problem.must_hold == (
+        "must keep 2.5 mm from iron and magnets, for lookups within 1 % of B between nodes 2 mm apart"
+    ).replace("2 mm apart", "2.5 mm apart")
+    currents = {"lower_A": 0.0, "upper_A": 1.0, "accuracy": 5e-4}
+    (problem,) = refused(tmp_path, pole, near, currents=currents)
+    assert (
+        "4.31 mm from iron and magnets, for lookups within 0.1 % of B (twice currents.accuracy)"
+        in problem.must_hold
+    )
+    assert "between nodes 2 mm apart" in problem.must_hold
+    assert "take spacing_mm = 0.93," in problem.remedy
+
+
+def test_errors_below_what_was_measured_ask_for_no_more_distance():
+    assert (
+        least_distance(1e-3, 1e-9)
+        == least_distance(1e-3, 3e-4)
+        == pytest.approx(1e-3 * (1e-2 / 3e-4) ** (1 / 3))
+    )
+    assert least_distance(1e-3, 2e-2) == pytest.approx(1e-3 * 0.5 ** (1 / 3))
+
+
+@pytest.mark.parametrize(
+    ("flux", "gradient", "bound", "useful"),
+    [
+        (0.6999, 9.0, 9.0, True),
+        (0.7001, 0.0, 0.0, False),
+        (np.nan, 0.0, 0.0, False),
+        (0.1, np.inf, 0.0, False),
+        (0.1, 0.0, np.nan, False),
+        (0.1, 0.0, np.inf, False),
+    ],
+)
+def test_a_map_that_is_off_by_more_than_a_tenth_of_its_field_is_of_no_use(flux, gradient, bound, useful):
+    """Of two coils of 2 T and 0.5 T per ampere at one node, and 3 A and 2 A: 7 T."""
+    of = np.zeros((2, 3, 3, 3, 3))
+    of[:, 1, 2, 0] = [[0.0, -2.0, 0.0], [0.3, 0.0, 0.4]]
+    of[1, 0, 0, 0] = [0.0, 0.0, 3.0]
+    data = MapData(
+        Grid(np.zeros(3), np.ones(3), (3, 3, 3)),
+        ("a", "b"),
+        [3.0, 2.0],
+        flux_density=of,
+        gradient=np.zeros((*of.shape, 3)),
+    )
+    error, bounds = FieldError(flux, gradient), {"global": FieldError(0.0, bound)}
+    if useful:
+        require_use(data, error, bounds)
+        return
+    with pytest.raises(RecipeError) as caught:
+        require_use(data, error, bounds)
+    (problem,) = caught.value.problems
+    assert (problem.where, problem.must_hold) == ("box", "lookups must be within 10 % of the largest B, 7 T")
+    assert problem.received == f"{flux:.3g} T and {gradient:.3g} T/m off at the points tried"
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """Modes, output fields and cubature against what linear algebra says of them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.optimize import nnls
@@ -7,12 +9,18 @@ from scipy.optimize import nnls
 from fieldmap.currents import CurrentDomain, IndependentCurrents, LiftAndDirections, parametrisation_from_json
 from fieldmap.maps.training.cubature import Cubature, candidates, nonnegative_path
 from fieldmap.maps.training.currents import (
+    at_rest,
     climbed,
     corner_signals,
+    drawn,
     edge_shares,
     extreme_signals,
     held_out,
+    is_among,
+    nearest_of,
+    reaches,
     sequence,
+    training_signals,
 )
 from fieldmap.maps.training.modes import enough, output_fields, pivots, proper_modes
 
@@ -75,6 +83,22 @@ def test_output_fields_leave_the_next_singular_value_and_are_as_few_as_the_toler
         assert worst(10, tolerance) <= tolerance < worst(count - 1)
         assert count < 10
     assert left(2, 1e-3)[0] == 2
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
+def test_there_are_no_more_output_fields_than_independent_ones(size):
+    """Of ten modes whose fields are combinations of three, whatever their size."""
+    random = np.random.default_rng(13)
+    amplitudes, fields = (
+        random.standard_normal((20, 10)),
+        random.standard_normal((10, 3)) @ random.standard_normal((3, 50)),
+    )
+    combination, weights = output_fields(amplitudes, size * fields, 8, 0.0)
+    assert combination.shape == weights.shape == (3, 10)
+    np.testing.assert_allclose(amplitudes @ weights.T @ combination @ fields, amplitudes @ fields, atol=1e-9)
+    # A state without amplitudes has no field that could be missed.
+    amplitudes[4] = 0.0
+    assert len(output_fields(amplitudes, size * fields, 8, 1e-3)[0]) == 3
 
 
 def corners(domain):
@@ -200,7 +224,91 @@ def test_extremes_are_single_coils_equal_and_opposite_currents_and_corners():
     assert (signals == [3.55, 0.0, 0.0]).all(axis=1).any()
     assert all(domain.holds(values) for values in domain.parametrisation.currents(signals))
     many = CurrentDomain(IndependentCurrents(20), np.full(20, -1.0), np.full(20, 1.0))
-    assert len(extreme_signals(many)) <= 20 * 6 + 3 + 128 + 256
+    # All at half of their ranges are without currents.
+    assert len(extreme_signals(many)) == 20 * 6 + 2 + 128 + 256
+
+
+UNEVEN = CurrentDomain(IndependentCurrents(2), np.array([-1.0, 2.0]), np.array([3.0, 4.0]))
+
+
+def test_extremes_of_two_signals_one_by_one():
+    """The first rests at 0, the second, which cannot be 0, in its middle."""
+    assert at_rest(UNEVEN).tolist() == [0.25, 0.5]
+    edges = CurrentDomain(IndependentCurrents(3), np.array([0.0, -2.0, -2.0]), np.array([4.0, 0.0, -1.0]))
+    assert at_rest(edges).tolist() == [0.0, 1.0, 0.5]
+    found = extreme_signals(UNEVEN)
+    alone = [[-1, 3], [3, 3], [-0.5, 3], [1.5, 3], [-0.02, 3], [0.06, 3]]
+    alone += [[0, 2], [0, 4], [0, 2.5], [0, 3.5], [0, 2.98], [0, 3.02]]
+    # A quarter of both ranges is among those of the second alone.
+    np.testing.assert_allclose(found[:14], [*alone, [1, 3], [2, 3.5]], atol=1e-12)
+    assert sorted(found[14:].tolist()) == [[-1, 2], [-1, 4], [3, 2], [3, 4]]
+
+
+def test_steps_of_tangents_are_an_eighth_of_the_ranges():
+    np.testing.assert_allclose(reaches(UNEVEN, np.array([0.0, 3.0])), [[0.5, 0.0], [0.0, 0.25]], atol=1e-15)
+
+
+def test_states_of_the_sequence_are_denser_towards_the_faces():
+    """By 0.5 - 0.5 cos(pi t), of a net in t: as many in each quarter of t."""
+    shares = (sequence(UNEVEN, 65) - UNEVEN.lower) / (UNEVEN.upper - UNEVEN.lower)
+    for row in shares[1:].T:
+        ends = [0.0, 0.5 - 0.5 * np.cos(0.25 * np.pi), 0.5, 0.5 - 0.5 * np.cos(0.75 * np.pi), 1.0]
+        assert np.histogram(row, ends)[0].tolist() == [16, 16, 16, 16]
+    np.testing.assert_array_equal(sequence(UNEVEN, 1), [UNEVEN.middle])
+
+
+def test_every_second_drawn_state_is_nearer_to_rest():
+    """Evenly drawn, then by 10^(-2 t), t evenly drawn, whose mean is (1 - 1/100) / (2 ln 10)."""
+    shares = (drawn(UNEVEN, 200_000, np.random.default_rng(5)) - UNEVEN.lower) / (UNEVEN.upper - UNEVEN.lower)
+    away = np.abs(shares - [0.25, 0.5])
+    for row, half in zip((shares - [0.25, 0.5]).T, (0.75, 0.5), strict=True):
+        assert np.abs(row).max() == pytest.approx(half, rel=1e-3)
+    assert away[::2].mean(axis=0) == pytest.approx([(0.25**2 + 0.75**2) / 2, 0.25], rel=0.01)
+    nearer = 0.99 / (2.0 * np.log(10.0))
+    assert away[1::2].mean(axis=0) == pytest.approx(nearer * away[::2].mean(axis=0), rel=0.02)
+
+
+def test_currents_are_the_same_within_a_billionth_of_the_largest():
+    states = np.array([[1.0, -2.0], [0.0, 1.0], [1.0, -2.0 + 1.9e-9], [1.0 + 2.1e-9, -2.0]])
+    assert is_among(np.array([1.0, -2.0]), states).tolist() == [True, False, True, False]
+    assert [nearest_of(np.array(at), states[:2]) for at in ([0.9, -0.6], [0.9, -0.3])] == [0, 1]
+
+
+def images_of(*matrices):
+    return [SimpleNamespace(currents=matrix.__matmul__) for matrix in matrices]
+
+
+def test_every_fourth_state_lies_half_way_to_an_image_in_turn():
+    """Of two mirrors, of one that leaves the box, of one that changes nothing and of the reversal of all currents."""
+    box = CurrentDomain(IndependentCurrents(3), np.full(3, -1.0), np.ones(3))
+    first, second = np.diag([-1.0, 1.0, 1.0]), np.eye(3)[[0, 2, 1]]
+    images = images_of(first, 2.0 * np.eye(3), np.eye(3), second, -np.eye(3))
+    plain, signals = sequence(box, 17), training_signals(box, 17, images)
+    moved = np.flatnonzero((plain != signals).any(axis=1))
+    assert moved.tolist() == [3, 7, 11, 15]
+    own = plain[moved]
+    near = [
+        np.linalg.norm(0.5 * (own + own @ of.T), axis=1) > 0.5 * np.linalg.norm(own, axis=1)
+        for of in (first, second)
+    ]
+    assert near[1].all()
+    for k, (row, both) in enumerate(zip(own, near[0], strict=True)):
+        of = (first, second)[k % 2] if both else second
+        np.testing.assert_allclose(signals[moved[k]], 0.5 * (row + of @ row), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "count", "second"),
+    [(-1.0, 3.0, 2, True), (-1.0, 3.0, 1, False), (-1.0, 1.0, 2, False), (0.5, 3.0, 2, False)],
+)
+def test_the_second_state_is_without_currents_where_that_is_another_in_the_domain(
+    lower, upper, count, second
+):
+    box = CurrentDomain(IndependentCurrents(2), np.full(2, lower), np.full(2, upper))
+    signals = training_signals(box, count, (), off=True)
+    assert signals[0].tolist() == box.middle.tolist()
+    assert (signals[-1].tolist() == [0.0, 0.0]) == second
+    np.testing.assert_array_equal(training_signals(box, count, ()), sequence(box, count))
 
 
 def test_the_states_fill_the_box_and_the_held_out_ones_are_others():
@@ -396,3 +504,63 @@ def test_the_search_climbs_towards_a_peak_on_an_edge():
         ended.append(found[0])
     assert np.mean(begun) < 0.5
     assert np.mean(ended) > 0.75
+
+
+def test_the_search_goes_on_from_the_ten_best_places_with_three_neighbours_of_each():
+    """In the direction that the test gives, by 15 % and 5 % of a range where the signals are strongest."""
+    box = CurrentDomain(IndependentCurrents(1), np.array([-1.0]), np.array([3.0]))
+    asked, told = [], []
+
+    def looks(currents):
+        asked.append((currents[:, 0] + 1.0) / 4.0)
+        return currents[:, 0]
+
+    steps = iter([np.tile([[-1.0], [1.0], [0.5]], (10, 1)), np.tile([[0.2], [-2.0], [1.0]], (10, 1))])
+    random = SimpleNamespace(standard_normal=lambda shape: next(steps).reshape(shape))
+    begin = np.array([0.0, 0.1, *np.arange(0.15, 0.5, 0.04), 0.9])
+    shares, looked_at = climbed(looks, box, begin[:, None], random, told.append)
+    assert looked_at == 12 + 30 + 30
+    assert told == pytest.approx([0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0])
+    np.testing.assert_allclose(asked[0], begin)
+    # Rest is at a quarter, and 0.75 of the range away from its farther end.
+    best = begin[:1:-1]
+    first = best[:, None] + 0.15 * np.abs(best - 0.25)[:, None] / 0.75 * np.array([-1.0, 1.0, 0.5])
+    first = np.clip(first, 0.0, 1.0)
+    np.testing.assert_allclose(asked[1], first.ravel())
+    best = first[:, 1]
+    second = best[:, None] + 0.05 * np.abs(best - 0.25)[:, None] / 0.75 * np.array([0.2, -2.0, 1.0])
+    second = np.clip(second, 0.0, 1.0)
+    np.testing.assert_allclose(asked[2], second.ravel())
+    np.testing.assert_allclose(shares[:, 0], np.sort(second[:, 2])[::-1])
+
+
+@pytest.mark.parametrize("modes", [6, 3])
+def test_the_error_that_a_choice_leaves_is_that_of_states_volume_and_tangents(modes):
+    """Each over its own allowance: the tolerance, a thousandth of the volume, and for a tangent of so many modes a
+    quarter of their number, at least of four, by Wigner's semicircle, times a half squared."""
+    random = np.random.default_rng(12)
+    parts = [random.standard_normal((40, modes)) for _ in range(3)]
+    rows, wholes = random.standard_normal((2, 40, 3, modes)), random.standard_normal((2, modes, modes))
+    wholes += np.swapaxes(wholes, 1, 2)
+    cubature, tolerance = Cubature(40, np.arange(40)), 0.3
+    add(cubature, parts)
+    for kinds in (0, 2):
+        for of, whole in zip(rows[:kinds], wholes, strict=False):
+            cubature.add_tangent(whole, lambda points, of=of: of[points])
+        factors, left = cubature.factors(tolerance, 5)
+        assert np.count_nonzero(factors) == 5
+        off = [np.linalg.norm(part.sum(axis=0) - factors @ part) for part in parts]
+        total = np.sum(np.square(off)) / tolerance**2 / 3 + ((factors.sum() - 40) / (1e-3 * 40)) ** 2
+        for of, whole in zip(rows[:kinds], wholes, strict=False):
+            missed = ((whole - np.einsum("p,pij,pik->jk", factors, of, of)) ** 2).sum()
+            total += missed / (kinds * 0.25 * max(modes, 4) / 4)
+        assert left == pytest.approx(np.sqrt(total), rel=1e-6)
+
+
+def test_candidates_are_drawn_by_importance_and_a_tenth_of_its_mean():
+    importance = np.repeat([1.0, 0.0], [10, 90])
+    counts = np.bincount([candidates(importance, 1, seed)[0] for seed in range(4000)], minlength=100)
+    # 1 + 0.01 of each of ten, 0.01 of each of ninety.
+    assert counts[:10].sum() / 4000 == pytest.approx(10.1 / 11.0, abs=0.015)
+    assert counts[10:].any()
+    assert [len(candidates(importance, count)) for count in (99, 100, 101)] == [99, 100, 100]

@@ -1,11 +1,14 @@
 """Sample points against the law at all points: iron that hardly saturates, whose residuals a few points meet."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from fieldmap.currents import CurrentDomain, IndependentCurrents
 from fieldmap.device.materials.froehlich import Froehlich
 from fieldmap.iron.elements.bh_law import law_tables, straight_laws
+from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.maps.training import sampling
 from fieldmap.maps.training.currents import extreme_signals
 from fieldmap.maps.training.sampling import sampled
@@ -179,3 +182,96 @@ def test_tangents_of_the_three_most_different_states_are_conditions(permeable, m
     found = [int(np.argmin([np.abs(whole - other).max() for other in wanted])) for whole in given]
     assert len(found) == 3
     assert {0, 1} < set(found)
+
+
+@pytest.fixture
+def rounds(monkeypatch):
+    """rounds(taken, left, most, ...): what each choice is asked for if that many points are taken, the first ones, and
+    leave so much of what is allowed: tolerance and most points, numbers of candidates, and what is found."""
+
+    class Choice:
+        """In place of the fit."""
+
+        def __init__(self, count, candidates):
+            self.candidates = candidates
+
+        def add(self, contributions, totals):
+            noted.of_states.append(len(contributions))
+
+        def add_tangent(self, whole, roots):
+            noted.tangents += 1
+
+        def factors(self, tolerance, most):
+            noted.asked.append((tolerance / ACCURACY, most))
+            return (np.arange(len(self.candidates)) < noted.taken(most)).astype(float), noted.left
+
+    def candidates(importance, count):
+        noted.counts.append(count)
+        return np.arange(min(count, len(importance)))
+
+    # No states are solved: whatever is chosen changes all of them by the accuracy.
+    noted = SimpleNamespace()
+    monkeypatch.setattr(sampling, "Cubature", Choice)
+    monkeypatch.setattr(sampling, "candidates", candidates)
+    monkeypatch.setattr(sampling, "solved", lambda model, currents, starts, *_: starts)
+    monkeypatch.setattr(GalerkinModel, "solutions", lambda self, currents, starts, *_: starts)
+
+    def made(taken, left, most, points=300, modes=4, known=2, rounds=sampling.ROUNDS):
+        vars(noted).update(asked=[], counts=[], of_states=[], tangents=0, told=[], taken=taken, left=left)
+        whole = bar(law_tables([Froehlich("steel", 2000.0, 2.1)]), 3, modes, points)
+        currents = DOMAIN.at(np.random.default_rng(6).random((known, 3)))
+        pair, extremes = (currents, solved(whole.model, currents)), extreme_signals(DOMAIN)
+        about = DOMAIN, whole.fields, lambda *of: np.full(len(of[0]), ACCURACY), ACCURACY, most
+        noted.found = sampled(whole.model, pair, extremes, *about, lambda *of: noted.told.append(of), rounds)
+        noted.extremes = len(extremes)
+        return noted
+
+    return made
+
+
+def test_where_the_fit_is_good_and_states_are_not_it_is_made_better(rounds):
+    """By 0.7 of its tolerance, from 0.4 of the accuracy to 0.05; the best of twelve choices is taken."""
+    made = rounds(lambda most: 40, 0.5, 400)
+    tolerances = [0.4 * 0.7**k for k in range(6)] + [0.05] * 6
+    assert made.asked == [(pytest.approx(max(one, 0.05)), 400) for one in tolerances]
+    assert (made.counts, made.tangents) == ([1000], 2)
+    assert (made.found.enough, made.found.changed) == (False, ACCURACY)
+    assert made.found.tried == made.extremes + 12 * 96
+    # The known states, then the 24 worst of those tried in each round but the last.
+    assert made.of_states == [2] + [24] * 11
+    messages, shares = zip(*made.told, strict=True)
+    known = [f"sample points, from state {k} of 2" for k in (1, 2)]
+    assert messages[:3] == (*known, "sample points, conditions of their choice")
+    assert shares[:3] == (0.0, pytest.approx(0.05), 0.1)
+    assert messages[3:] == tuple(f"sample points, choice {k}" for k in range(1, 13))
+    assert shares[3:] == pytest.approx([1.0 - 0.9 * 0.6**k for k in range(1, 13)])
+
+
+def test_where_the_fit_is_not_good_there_are_more_candidates_or_more_points(rounds):
+    """Twice as many each time: of the points if all of them are used, until there are as many as there can be."""
+    made = rounds(lambda most: 40, 1.5, 400, points=3000)
+    assert made.counts == [1000, 2000, 3000]
+    assert made.asked == [(pytest.approx(0.4), 400)] * 3
+    # Fits to more candidates are of all states, and of the tangents.
+    assert (made.of_states, made.tangents) == ([2, 24, 26, 24, 50, 24], 6)
+    made = rounds(lambda most: most, 1.5, 60, points=300)
+    assert made.asked == [(pytest.approx(0.4), most) for most in (60, 120, 240, 480)]
+    assert made.counts == [1000]
+    made = rounds(lambda most: most, 1.5, 300, points=600)
+    assert [most for _, most in made.asked] == [300, 600]
+    assert len(rounds(lambda most: 40, 1.5, 400, points=3000, rounds=2).asked) == 2
+
+
+@pytest.mark.parametrize(
+    ("modes", "most", "count"), [(4, 400, 1000), (4, 100, 1000), (40, 300, 1200), (40, 800, 2000)]
+)
+def test_candidates_are_fifty_for_each_mode_and_four_for_each_point_a_thousand_at_least(
+    rounds, modes, most, count
+):
+    assert rounds(lambda most: 40, 0.5, most, points=300, modes=modes, rounds=1).counts == [count]
+
+
+@pytest.mark.parametrize(("known", "fitted"), [(2, 2), (200, 200), (201, 200)])
+def test_of_many_known_states_two_hundred_are_fitted_and_three_give_their_tangents(rounds, known, fitted):
+    made = rounds(lambda most: 40, 0.5, 60, points=60, known=known, rounds=1)
+    assert (made.of_states, made.tangents) == ([fitted], min(fitted, 3))

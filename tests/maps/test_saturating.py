@@ -400,6 +400,8 @@ def test_states_come_back_with_their_costs(tmp_path):
         one, other = again.known(0, np.array([1.0])), again.known(1, np.array([2.0]))
         assert again.failed == {1: other.state}
         assert again.earlier_seconds == one.seconds + other.seconds
+        assert again.earlier_processor_seconds == one.processor_seconds + other.processor_seconds
+        assert all(0.0 <= spent < 60.0 for of in (one, other) for spent in (of.seconds, of.processor_seconds))
 
 
 def test_currents_beyond_the_domain_are_refused_flagged_or_evaluated(data):
