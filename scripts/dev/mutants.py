@@ -49,6 +49,8 @@ OPERATORS = ("ReplaceBinaryOperator", "ReplaceComparisonOperator", "ReplaceUnary
 _NEEDS_BITS = re.compile("_(BitAnd|BitOr|BitXor|LShift|RShift|Invert|Mod|FloorDiv)(_|$)")
 # `zip(..., strict=True)` tells mistakes of programmers, which no input can make.
 NEVER_SEEN = ("strict=",)
+# `is` in the place of `==` is the same of whole numbers, words and choices, and of arrays an error at once.
+_SAME_OBJECT = re.compile("_Eq_Is$|_NotEq_IsNot$")
 # A mesh is kept by all that the mesher is given (fieldmap.iron.mesh.mesher): an error in what it does then must not
 # meet a mesh made without it.
 MESHER = ("fieldmap/iron/mesh/mesher.py", "fieldmap/iron/topology.py")
@@ -194,7 +196,7 @@ def _mutants(package: str, seed: int) -> list[tuple[Path, str, int, int]]:
     names = [
         n
         for n in cosmic_ray.plugins.operator_names()
-        if n.split("/")[1].startswith(OPERATORS) and not _NEEDS_BITS.search(n)
+        if n.split("/")[1].startswith(OPERATORS) and not _NEEDS_BITS.search(n) and not _SAME_OBJECT.search(n)
     ]
     folder = ROOT / "fieldmap" / package
     found = []

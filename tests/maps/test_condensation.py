@@ -214,7 +214,7 @@ def test_conditions_on_the_points_are_met_by_their_own_weights(free):
     volume = free.model.weights / free.model.weights.sum()
     found = [states.conditions(free.model, basis, accuracy) for accuracy in (1e-3, 1e-2)]
     for products, wanted, size in found:
-        np.testing.assert_allclose(products.sum(axis=1), wanted, rtol=1e-9)
+        np.testing.assert_allclose(products.sum(axis=1), wanted, rtol=1e-8)
         assert wanted.sum() == pytest.approx(size**2, rel=1e-9)
     # Of fields and energies everything is in multiples of the accuracy.
     rest = (1e-6 * found[0][0] - 1e-4 * found[1][0]) / (1e-6 - 1e-4)
