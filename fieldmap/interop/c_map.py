@@ -47,7 +47,7 @@ from fieldmap.core.iron_numbers import core_numbers
 from fieldmap.errors import InputError
 from fieldmap.field import require_affine
 from fieldmap.interpolants import INTERPOLANTS
-from fieldmap.lookup import FieldMap, MapAtCurrents, compiled_currents, unit_block
+from fieldmap.lookup import FieldMap, MapAtCurrents, compiled_currents, require_no_memory, unit_block
 from fieldmap.store.output_formats import output_problems
 from fieldmap.store.whole_files import write_whole
 from fieldmap.typing import PathLike
@@ -162,7 +162,8 @@ def write_c_iron_map(field: FieldMap, path: PathLike) -> Path:
     Raises
     ------
     InputError
-        For a map whose fields superpose, which `write_c_map` writes, and for a Hermite form.
+        For a map whose fields superpose, which `write_c_map` writes, for one of iron with hysteresis, and for a
+        Hermite form.
 
     Examples
     --------
@@ -172,6 +173,7 @@ def write_c_iron_map(field: FieldMap, path: PathLike) -> Path:
     if field.affine:
         must_hold = "must be a map of saturating iron"
         raise InputError.of("write_c_iron_map, field", must_hold, "one that superposes", "use write_c_map")
+    require_no_memory(field, "write_c_iron_map, field")
     block, model = unit_block(field), compiled_currents(field)
     check_harmonic(block, "write_c_iron_map, field")
     names = (*field.coil_names, *(f"iron {k + 1}" for k in range(len(model.output))))

@@ -22,7 +22,7 @@ from fieldmap.errors import InputError
 from fieldmap.extras import require
 from fieldmap.interop.c_map import check_harmonic
 from fieldmap.interpolants import Form
-from fieldmap.lookup import FieldMap, MapAtCurrents, saturates, unit_block
+from fieldmap.lookup import FieldMap, MapAtCurrents, require_no_memory, saturates, unit_block
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 
@@ -56,7 +56,7 @@ def jax_field(field: FieldMap | MapAtCurrents) -> JaxField:
     FieldmapError
         Where JAX is not installed.
     InputError
-        For another interpolant.
+        For another interpolant, and for a map of iron with hysteresis.
 
     Examples
     --------
@@ -68,6 +68,7 @@ def jax_field(field: FieldMap | MapAtCurrents) -> JaxField:
         return JaxField(jax, _Polynomials(jax, unit_block(field)), None, fixed=True)
     weights: Callable[[Any], Any] | None = None
     if saturates(field):
+        require_no_memory(field, "jax_field, field")
         assert field.info.reduced_model is not None
         weights = _ReducedIron(jax, field.info.reduced_model).weights
     elif not field.proportional:

@@ -12,6 +12,7 @@ from fieldmap.currents import CurrentDomain, IndependentCurrents
 from fieldmap.dynamics.field_of_currents import modelled, tabled
 from fieldmap.errors import InputError, OutsideMapError, RecipeError
 from fieldmap.histories import history_of_currents
+from fieldmap.interop import jax_field, write_c_iron_map
 from fieldmap.iron import HysteresisSolver
 from fieldmap.maps.training import remembering, solved_ways, ways
 from fieldmap.store import check_map, read_info
@@ -270,10 +271,21 @@ def test_what_needs_no_memory_or_cannot_have_one_is_refused(device, opened, rig_
     for ask in (plain.memory, lambda: plain.step(0.0), lambda: plain.remembered, lambda: plain.last_currents):
         with pytest.raises(InputError):
             ask()
-    with pytest.raises(InputError):
-        tabled(opened)
+    for export in (tabled, lambda field: write_c_iron_map(field, tmp_path / "none.fmap")):
+        with pytest.raises(InputError):
+            export(opened)
     soft = device.replace(materials={"steel": replace(device.materials["steel"], coercive_field=0.0)})
     with pytest.raises(RecipeError) as caught:
         generated(soft, tmp_path / "none.h5")
     assert [problem.where.rpartition(": ")[2] for problem in caught.value.problems] == ["iron.model"]
     assert not list(tmp_path.iterdir())
+
+
+def test_jax_refuses_a_map_with_memory_but_not_its_field_at_currents(opened):
+    pytest.importorskip("jax")
+    with pytest.raises(InputError):
+        jax_field(opened)
+    memory = opened.step([0.8, 0.2])
+    at = jax_field(memory.at([0.7, 0.3]))
+    ours = np.array(at(POINTS[0]))
+    np.testing.assert_allclose(ours, memory.field(POINTS[0], [0.7, 0.3]), rtol=1e-4, atol=1e-7)
