@@ -47,7 +47,8 @@ from fieldmap.core.iron_numbers import core_numbers
 from fieldmap.errors import InputError
 from fieldmap.field import require_affine
 from fieldmap.interpolants import INTERPOLANTS
-from fieldmap.lookup import FieldMap, MapAtCurrents, compiled_currents, require_no_memory, unit_block
+from fieldmap.lookup import FieldMap, MapAtCurrents, compiled_currents, unit_block
+from fieldmap.lookup.iron_response import require_no_memory
 from fieldmap.store.output_formats import output_problems
 from fieldmap.store.whole_files import write_whole
 from fieldmap.typing import PathLike

@@ -22,7 +22,8 @@ from fieldmap.errors import InputError
 from fieldmap.extras import require
 from fieldmap.interop.c_map import check_harmonic
 from fieldmap.interpolants import Form
-from fieldmap.lookup import FieldMap, MapAtCurrents, require_no_memory, saturates, unit_block
+from fieldmap.lookup import FieldMap, MapAtCurrents, saturates, unit_block
+from fieldmap.lookup.iron_response import require_no_memory
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 
