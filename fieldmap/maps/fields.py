@@ -115,7 +115,8 @@ class TrainedMap(Record):
 def trained_map(device: Device, arrays: Mapping[str, Array], about: Mapping[str, Any]) -> TrainedMap:
     """What `trained_arrays` keeps."""
     tried = about["states_tried"].values()
-    largest = (max(errors[name] for errors in tried) for name in ("flux_density", "gradient"))
+    names = "flux_density", "gradient"
+    largest = about.get("current_error") or {name: max(errors[name] for errors in tried) for name in names}
     parametrisation = parametrisation_from_json(about["parametrisation"])
     report, background = SolverReport.from_dict(about["report"]), device.background
     return TrainedMap(
@@ -125,7 +126,7 @@ def trained_map(device: Device, arrays: Mapping[str, Array], about: Mapping[str,
         ),
         SaturatingFields(device.coils, *_faces_from(arrays), report, background),
         np.array(about["largest_weights"] + ([] if background is None else [1.0])),
-        FieldError(*largest) if tried else None,
+        FieldError(**largest) if tried else None,
         {key: value for key, value in about.items() if key not in ("report", "parametrisation")},
     )
 

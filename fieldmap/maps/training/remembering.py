@@ -117,6 +117,7 @@ def train_on_ways(
         "states_trained_on_solved": trained_on,
         "corners_trained_on": 0,
         "states_tried": {name: asdict(found) for name, found in errors.items()},
+        "current_error": _stated(list(errors.values())),
         "rounds": [asdict(one) for one in rounds],
         "modes": reduction.few.modes,
         "sample_points": len(reduction.few.weights),
@@ -135,6 +136,15 @@ def train_on_ways(
     weights = np.abs(np.concatenate([reduction.weights(one) for one in (*known, *tried)])).max(axis=0)
     largest = np.concatenate([np.maximum(domain.largest, 2.0 * np.abs(level)), _MARGIN * weights])
     return RememberingModel(reduction.reduced(domain), reduction.charge, largest, about)
+
+
+def _stated(errors: Sequence[Errors]) -> dict[str, float]:
+    """Errors of B, T, and gradient, T/m, that hold on other ways too: the largest shares at the strongest states."""
+    return {
+        name: max(getattr(one, f"{name}_share") for one in errors)
+        * max(getattr(one, f"largest_{name}") for one in errors)
+        for name in ("flux_density", "gradient")
+    }
 
 
 class _Reduction:
