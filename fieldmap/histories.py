@@ -1,4 +1,4 @@
-"""Histories of iron that remembers: the currents that lead it from where it never was magnetised to where a use begins.
+"""Histories of iron with hysteresis: currents from where it never was magnetised to where a use begins.
 
 Depends on: arguments, numpy.
 """
@@ -15,7 +15,7 @@ SWINGS = np.array([-1.0, 1.0, -0.7, 0.7, -0.4, 0.4, -0.2, 0.2, -0.07, 0.0])
 
 
 def history_of_currents(history: str, level: Array) -> Array:
-    """Currents at which the way of a history turns.
+    """Currents at which the path of a history turns.
 
     Parameters
     ----------

@@ -209,13 +209,9 @@ def _without_currents(summary: MapSummary) -> str:
 def _solver_words(solver: Mapping[str, object]) -> list[str]:
     if solver.get("form") == "coils":
         return [FORMS_IN_WORDS["coils"]]
-    words = [
-        "with hysteresis"
-        if "level_of_histories" in solver
-        else "saturating"
-        if "modes" in solver
-        else "linear"
-    ]
+    words = ["saturating" if "modes" in solver else "linear"]
+    if "level_of_histories" in solver:
+        words.append("hysteresis")
     if "form" in solver:
         words.append(FORMS_IN_WORDS.get(str(solver["form"]), str(solver["form"])))
     for key, text in (("tetrahedra", "tetrahedra"), ("surface_faces", "surface faces")):

@@ -70,14 +70,14 @@ static inline int fieldmap_at_once(const fieldmap_winding *windings, int n)
 
 /* How the weights of a map's fields follow the currents, times `scale`, a calibration. Of linear iron, or saturating iron
  * linearised about currents: a field for each coil, and one of weight 1 behind them if there is one more. Of saturating
- * iron: by a table over a current division, or by its model, solved at these currents from where the last solves lead. led:
- * whether the currents are those of a way, on which the cells of iron with hysteresis move, or of trials.
+ * iron: by a table over a current division, or by its model, solved at these currents from where the last solves lead.
+ * on_path: whether the currents are those of a path, along which the cells of iron with hysteresis move, or of trials.
  *
  * What solves have done so far: how many, their Newton steps, those that did not converge, at which the iron stayed as it
  * was, and those of currents beyond the domain of the model. */
 typedef struct fieldmap_superposition {
     double scale;
-    int n_coils, n_fields, led;
+    int n_coils, n_fields, on_path;
     fieldmap_iron_state *iron;
     const fieldmap_current_table *table;
     int64_t solves, newton_steps, unsolved, outside;
@@ -89,7 +89,7 @@ static inline int fieldmap_follow_iron(fieldmap_superposition *of, const double 
 {
     fieldmap_iron_state *state = of->iron;
     double signals[FIELDMAP_IRON_MAX_SIGNALS];
-    const int status = of->led ? fieldmap_iron_step(state, currents) : fieldmap_iron_follow(state, currents);
+    const int status = of->on_path ? fieldmap_iron_step(state, currents) : fieldmap_iron_follow(state, currents);
     int f, inside;
     of->newton_steps += state->steps;
     of->solves++;

@@ -121,8 +121,9 @@ static inline double fieldmap_cell_bounded(
 }
 
 /* Fill the reversible field r[3] of a cell in the field h, from the remembered p[4], and return mu of (2): 0 where the cell
- * stays, infinity without pinning. A cell remembers its field and the ratio of its polarisation to it. r lies on the circle of radius kappa about h, in the plane of h and p. Newton's method turns
- * the direction n of h - r, which begins straight towards h, until J(r) - J(p) points along it. */
+ * stays, infinity without pinning. A cell remembers its field and the ratio of its polarisation to it. r lies on the circle of
+ * radius kappa about h, in the plane of h and p. Newton's method turns the direction n of h - r, which begins straight towards
+ * h, until J(r) - J(p) points along it. */
 static inline double fieldmap_cell_moved(
     const fieldmap_iron_curve *of, int *piece, const double *h, const double *p, double kappa, double *r)
 {
@@ -163,8 +164,8 @@ static inline double fieldmap_cell_moved(
 }
 
 /* Polarisation j[3] of `cells` cells in the field h. shares: their weights, with the sum 1. before, after: what they remember,
- * and would (4 numbers each, as of fieldmap_cell_moved); susceptible: dJ/dh, entries xx, xy, xz, yy, yz, zz. after and susceptible
- * may be NULL. Equations (1) and (4). */
+ * and would (4 numbers each, as of fieldmap_cell_moved); susceptible: dJ/dh, entries xx, xy, xz, yy, yz, zz. after and
+ * susceptible may be NULL. Equations (1) and (4). */
 static inline void fieldmap_cells_respond(const fieldmap_iron_curve *of, int *piece, int cells, const double *pinning,
     const double *shares, const double *h, const double *before, double *j, double *after, double *susceptible)
 {

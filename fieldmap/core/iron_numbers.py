@@ -132,22 +132,7 @@ def field_count(model: CompiledModel) -> int:
     return int(model.source.shape[1] + len(model.output) + (model.fixed.size > 0))
 
 
-def numbers_in_fields(
-    gradients: Array,
-    weights: Array,
-    law: NDArray[np.int64],
-    tables: tuple[NDArray[np.int64], Array, Array],
-    air: Array,
-    constant: Array,
-) -> Array:
-    """The numbers of a model without coils, for `IronState.solve_in`; arguments and tables of the laws as in
-    `CompiledModel`."""
-    nothing = np.zeros((0, 3), np.int64), np.zeros((0, len(constant)))
-    given = np.zeros((len(gradients), 0)), np.zeros(0), gradients, weights, law, *tables, air, constant
-    return core_numbers(CompiledModel(*given, nothing[1], *nothing, _any_currents(0), 1.0))
-
-
-def numbers_of_cells(
+def numbers_without_fields(
     source: Array,
     fixed: Array,
     gradients: Array,
@@ -159,15 +144,22 @@ def numbers_of_cells(
     pinning: Array,
     shares: Array,
 ) -> Array:
-    """The numbers of a model of iron with hysteresis at any currents and without fields, for `IronState.step`;
-    arguments as in `CompiledModel`. Its steps begin at no expansion."""
-    modes = len(constant)
-    terms = np.zeros((1, 3), np.int64), np.zeros((1, modes))
+    """The numbers of a model at any currents, without fields and expansion, for `IronState.step`; of one without coils
+    for `IronState.solve_in`. Arguments and tables of the laws as in `CompiledModel`."""
+    coils, modes = source.shape[1], len(constant)
+    # The core takes coils with signals and terms: one of each, which say nothing.
+    one = min(coils, 1)
+    terms = np.zeros((one, 3), np.int64), np.zeros((one, modes))
+    domain = SignalDomain(
+        False,
+        0.0,
+        np.zeros((coils, one)),
+        np.zeros((one, coils)),
+        -np.ones(one),
+        np.ones(one),
+        np.inf,
+        0.0,
+        False,
+    )
     given = source, fixed, gradients, weights, law, *tables, air, constant, np.zeros((0, modes)), *terms
-    return core_numbers(CompiledModel(*given, _any_currents(source.shape[1]), 1.0, pinning, shares))
-
-
-def _any_currents(coils: int) -> SignalDomain:
-    # What no expansion begins at and nobody refuses needs one signal, which says nothing.
-    matrix, end = np.zeros((coils, min(coils, 1))), np.ones(min(coils, 1))
-    return SignalDomain(False, 0.0, matrix, matrix.T, -end, end, np.inf, 0.0, False)
+    return core_numbers(CompiledModel(*given, domain, 1.0, pinning, shares))

@@ -38,8 +38,8 @@ class BodyNumbers(NamedTuple):
 class Plant(NamedTuple):
     """What a `CoreMachine` is made of. map: of a `CoreMap`; seen_at (3,): the sensed point in the body. How the fields'
     weights follow the currents, times scale: iron, of a `CoreIron.state`, solved to `tolerance`, or table, of a
-    `CoreTable`; without both a field a coil, and one more of weight 1. led: 1 where the currents are those of a way, on
-    which iron with hysteresis remembers, 0 for trials. windings (n, 4), drives (n, 7): as fieldmap_winding and
+    `CoreTable`; without both a field a coil, and one more of weight 1. on_path: 1 where the currents are those of a
+    path, which iron with hysteresis remembers, 0 for trials. windings (n, 4), drives (n, 7): as fieldmap_winding and
     fieldmap_drive (currents.h, instruments.h)."""
 
     map: Any
@@ -51,7 +51,7 @@ class Plant(NamedTuple):
     table: Any
     windings: Array
     drives: Array
-    led: int = 1
+    on_path: int = 1
 
 
 class Allocation(NamedTuple):

@@ -34,14 +34,14 @@ static void read_rigid_body(reader given, fieldmap_rigid_body *out)
     for (k = 0; k < 15; k++) out->lossy |= drag[k] != 0.0;
 }
 
-/* How the field follows the currents: scale, iron, tolerance of its solves, whether it is led, and table. */
+/* How the field follows the currents: scale, iron, tolerance of its solves, whether it is on a path, and table. */
 static void read_superposition(reader *given, fieldmap_superposition *out)
 {
     fieldmap_iron_state *iron = (fieldmap_iron_state *)held_or_none(given, "iron", STATE);
     const fieldmap_current_table *table = (const fieldmap_current_table *)held_or_none(given, "table", TABLE);
     const double tolerance = real_of(given, "tolerance");
     out->scale = real_of(given, "scale"), out->iron = iron, out->table = table;
-    out->led = (int)whole_of(given, "led");
+    out->on_path = (int)whole_of(given, "on_path");
     /* Currents beyond the domain are solved, too. */
     if (iron != NULL) iron->tolerance = tolerance, iron->checked = 0;
     require((iron == NULL || iron->map->n_fields == out->n_fields) && (table == NULL || table->fields + 6 == out->n_fields),
@@ -87,7 +87,7 @@ static void read_machine(reader *from, void *out)
     give_memory(&given, machine);
 }
 
-/* machine(plant): of an object with map, body, seen_at, scale, iron, tolerance, led, table, windings (n, 4) and drives
+/* machine(plant): of an object with map, body, seen_at, scale, iron, tolerance, on_path, table, windings (n, 4) and drives
  * (n, 7). */
 static PyObject *machine(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {

@@ -23,7 +23,6 @@ from fieldmap.core.controller import SIGNALS, CoreController
 from fieldmap.core.library import LIBRARY
 from fieldmap.core.machine import STATE, CoreMachine, sensed_point
 from fieldmap.dynamics.allocation import MatrixAllocation
-from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.loop_run import Event, IronUse, LevitationRun, PartsOfState, event_of
 from fieldmap.dynamics.machine import CONTACTS, Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
@@ -192,7 +191,7 @@ def start_loop(
     core, search = machine.core(schedule.step), None
     if law.inverse is not None:
         # A search for outputs takes slopes by differences, for which the solves of a run are too coarse.
-        search = machine.core(schedule.step, EXACT)
+        search = machine.core(schedule.step, search=True)
         law = law._replace(inverse=law.inverse._replace(machine=search.machine))
     loop = compiled.Loop(
         machine=core.machine,

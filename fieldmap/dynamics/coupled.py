@@ -17,7 +17,6 @@ from fieldmap.control.regulator import riccati
 from fieldmap.core.controller import SIGNALS, Block, CoreController
 from fieldmap.core.machine import VELOCITY, InverseMap, inverse_along
 from fieldmap.dynamics.closed_loop import Schedule
-from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.linear_loop import sampled_machine
 from fieldmap.dynamics.linearisation import ABOUT_Z, VELOCITIES, LinearMachine
 from fieldmap.dynamics.machine import Machine
@@ -506,7 +505,7 @@ def outputs_for(
     m, remedy = len(operating_point.outputs), "take an allocation of three"
     check(m == 3, "outputs_for(machine)", "must have three outputs", m, remedy)
     found, left = np.empty((len(positions), 3)), np.empty(len(positions))
-    core = machine.core(1.0, EXACT)
+    core = machine.core(1.0, search=True)
     begin, limits = operating_point, np.array([lower, upper], float)
     inverse = InverseMap(core.machine, _ROUNDS, limits, begin.outputs.copy(), begin.state.copy())
     numbers = machine.allocation.numbers()

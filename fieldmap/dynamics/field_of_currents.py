@@ -21,7 +21,7 @@ from fieldmap.core.machine import BodyNumbers, Plant
 from fieldmap.field import Field, require_affine, require_bounds
 from fieldmap.lookup import FieldMap, interpolate, saturates, table_of_currents, tangent_block, unit_block
 from fieldmap.lookup.current_solver import COMPILED_TOLERANCE
-from fieldmap.lookup.iron_response import compiled_currents, remembered_by
+from fieldmap.lookup.iron_response import compiled_currents
 from fieldmap.records import Record
 from fieldmap.store import Grid, MapData, Provenance
 from fieldmap.typing import Array
@@ -30,7 +30,7 @@ SPACING = 5e-3
 """Distance of the nodes at which a field that is no map is sampled, m."""
 FEWEST_CELLS = 4
 EXACT = 1e-9
-"""Tolerance of `FieldOfCurrents.plant` for searches, and for slopes by differences."""
+"""Tolerance of the model of the iron in searches, and for slopes by differences."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -62,7 +62,7 @@ class FieldOfCurrents(Record):
         seen_at: Array,
         windings: Array,
         drives: Array,
-        tolerance: float | None = None,
+        search: bool = False,
     ) -> Plant:
         """Body and coils in this field, with a model of the iron that remembers nothing of others.
 
@@ -76,9 +76,9 @@ class FieldOfCurrents(Record):
             Numbers of the windings, of `CoilDrive.numbers`.
         drives
             Numbers of the drives.
-        tolerance
-            Of the model of the iron in trials, which iron with hysteresis does not remember; unless given, that
-            of the field, for currents along a way.
+        search
+            Whether currents are trials of a search, or of slopes by differences, and no path: the model of the
+            iron is then solved to `EXACT`, and iron with hysteresis remembers nothing of them.
 
         Returns
         -------
@@ -94,11 +94,11 @@ class FieldOfCurrents(Record):
             seen_at=seen_at,
             scale=self.scale,
             iron=None if state is None else state.state,
-            tolerance=self.tolerance if tolerance is None else tolerance,
+            tolerance=EXACT if search else self.tolerance,
             table=None if self.table is None else self.table.table,
             windings=windings,
             drives=drives,
-            led=int(tolerance is None),
+            on_path=int(not search),
         )
 
 
@@ -234,8 +234,9 @@ def modelled(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
     if not saturates(field_map):
         return superposed(field_map, scale)
     model = CoreIron(core_numbers(compiled_currents(field_map)))
-    remembered, which = remembered_by(field_map), "saturating iron"
+    remembered, which = np.zeros(0), "saturating iron"
     if field_map.remembers:
+        remembered = field_map.remembered
         begin = ", ".join(f"{value:.3g}" for value in field_map.last_currents)
         which = f"iron with hysteresis, which remembers what made its state at {begin} A,"
     note = f"{which} by the map's model, solved at every step at which currents change, to "

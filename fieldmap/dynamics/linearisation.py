@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check, check_signal
 from fieldmap.control import StateSpace
 from fieldmap.core.machine import ANGULAR_VELOCITY, INSIDE, STATE, TURN, VELOCITY, rotation
-from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.operating_point import OperatingPoint
@@ -131,7 +130,7 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
         For a point at the map's edge.
     """
     body, state, coils = machine.body, operating_point.state, machine.drive.coils
-    core, out = replace(machine, walls=None).core(1.0, EXACT), np.empty(STATE)
+    core, out = replace(machine, walls=None).core(1.0, search=True), np.empty(STATE)
 
     def rates(deviation: Array) -> Array:
         """Of position, turn, velocity, angular velocity (12,), without that of the turn, about the operating point."""

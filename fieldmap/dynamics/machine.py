@@ -310,15 +310,15 @@ class Machine(Record):
         longest = math.ceil(self.longest_saturation / period * (1.0 - 1e-9))
         return Ending(sum(CONTACTS[name] for name in self.ending), longest)
 
-    def core(self, step: float, tolerance: float | None = None) -> CoreMachine:
+    def core(self, step: float, search: bool = False) -> CoreMachine:
         """Everything that moves, as the C core takes it; a new one at every call.
 
         Parameters
         ----------
         step
             Length of a step, s.
-        tolerance
-            Of `FieldOfCurrents.plant`.
+        search
+            As for `FieldOfCurrents.plant`.
 
         Returns
         -------
@@ -326,7 +326,7 @@ class Machine(Record):
             The machine for the C core.
         """
         body, windings = self.body.numbers(self.drag, self.plate, self.walls), self.drive.numbers(step)
-        plant = self.magnetic.plant(body, self.body.seen_at, windings, self.drive.drives, tolerance)
+        plant = self.magnetic.plant(body, self.body.seen_at, windings, self.drive.drives, search)
         return CoreMachine(plant)
 
     @property

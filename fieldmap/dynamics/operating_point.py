@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check, check_signal
 from fieldmap.core.machine import INSIDE, POSITION, TURN, sensed_point
-from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.motion import state_of
 from fieldmap.errors import NoEquilibrium
@@ -84,7 +83,10 @@ def find_operating_point(
     remedy = "free the lift, and of x and y either the place or the signal"
     check(count == 3, "find_operating_point(sensed, outputs)", must, f"{count} NaN", remedy)
     body, amplifier, weight = machine.body, machine.drive.amplifier, machine.body.mass * machine.body.gravity
-    core, free = replace(machine, drag=None, plate=None, walls=None).core(1.0, EXACT), int(free_place.sum())
+    core, free = (
+        replace(machine, drag=None, plate=None, walls=None).core(1.0, search=True),
+        int(free_place.sum()),
+    )
 
     def parts(unknown: Array) -> tuple[Array, Array, Array]:
         """State, currents and outputs of what is free: places, outputs, lean."""

@@ -48,7 +48,7 @@ from fieldmap.errors import InputError
 from fieldmap.field import require_affine
 from fieldmap.interpolants import INTERPOLANTS
 from fieldmap.lookup import FieldMap, MapAtCurrents, compiled_currents, unit_block
-from fieldmap.lookup.iron_response import require_no_memory
+from fieldmap.lookup.current_model import require_no_memory
 from fieldmap.store.output_formats import output_problems
 from fieldmap.store.whole_files import write_whole
 from fieldmap.typing import PathLike
@@ -174,7 +174,7 @@ def write_c_iron_map(field: FieldMap, path: PathLike) -> Path:
     if field.affine:
         must_hold = "must be a map of saturating iron"
         raise InputError.of("write_c_iron_map, field", must_hold, "one that superposes", "use write_c_map")
-    require_no_memory(field, "write_c_iron_map, field")
+    require_no_memory(field.remembers, "write_c_iron_map, field")
     block, model = unit_block(field), compiled_currents(field)
     check_harmonic(block, "write_c_iron_map, field")
     names = (*field.coil_names, *(f"iron {k + 1}" for k in range(len(model.output))))

@@ -23,7 +23,7 @@ from fieldmap.extras import require
 from fieldmap.interop.c_map import check_harmonic
 from fieldmap.interpolants import Form
 from fieldmap.lookup import FieldMap, MapAtCurrents, saturates, unit_block
-from fieldmap.lookup.iron_response import require_no_memory
+from fieldmap.lookup.current_model import require_no_memory
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 
@@ -69,7 +69,7 @@ def jax_field(field: FieldMap | MapAtCurrents) -> JaxField:
         return JaxField(jax, _Polynomials(jax, unit_block(field)), None, fixed=True)
     weights: Callable[[Any], Any] | None = None
     if saturates(field):
-        require_no_memory(field, "jax_field, field")
+        require_no_memory(field.remembers, "jax_field, field")
         assert field.info.reduced_model is not None
         weights = _ReducedIron(jax, field.info.reduced_model).weights
     elif not field.proportional:

@@ -121,7 +121,7 @@ def _corners(solver: Mapping[str, Any]) -> Iterator[str]:
     them were solved."""
     if "level_of_histories" in solver:
         level = ", ".join(f"{i:.4g}" for i in dict.fromkeys(solver["level_of_histories"]))
-        yield f"states lie on ways of the currents; the map opens with the history 'shaken' about {level} A"
+        yield f"states lie on paths of the currents; the map opens with the history 'shaken' about {level} A"
         return
     extremes, corners = solver.get("extremes"), solver.get("corners")
     if extremes:

@@ -8,6 +8,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from fieldmap.arguments import check
 from fieldmap.core.iron import BEYOND, FOUND, NOT_CONVERGED, CoreIron, IronState, last_currents
 from fieldmap.core.iron_numbers import CompiledModel, core_numbers
 from fieldmap.currents import ROUNDING, TOLERANCE, IndependentCurrents
@@ -71,7 +72,7 @@ class CurrentModel:
     Attributes
     ----------
     remembered : what iron with hysteresis remembers, numbers of `IronState.remembered`, from which every solve begins;
-        none for other iron. `led` gives iron with hysteresis its first.
+        none for other iron. `along` gives iron with hysteresis its first.
     """
 
     def __init__(
@@ -178,16 +179,16 @@ class CurrentModel:
         return self._new_state()
 
     def stepped(self, currents: Array) -> CurrentModel:
-        """The same iron after a straight way to currents (c,). Raises OutsideMapError for currents beyond the domain
+        """The same iron after a straight path to currents (c,). Raises OutsideMapError for currents beyond the domain
         unless `outside` is "evaluate", and NotConverged."""
         if self._outside != "evaluate" and (problem := self._outside_domain(currents)) is not None:
             raise OutsideMapError(problem)
-        return self.led(currents[None])
+        return self.along(currents[None])
 
-    def led(self, way: Array) -> CurrentModel:
+    def along(self, path: Array) -> CurrentModel:
         """The same iron after straight steps to currents (n, c), be they in the domain or not. Raises NotConverged."""
         state, weights = self._new_state(), np.empty(self.model.coil_count + self.fields_beside_coils)
-        for row in np.array(way, dtype=np.float64, order="C"):
+        for row in np.array(path, dtype=np.float64, order="C"):
             if state.step(row, weights, tolerance=_OF_STEPS) != FOUND:
                 raise not_converged(row, state.left)
         return self.remembering(state.remembered)
@@ -278,3 +279,10 @@ class CurrentModel:
         largest = float(np.abs(currents[k]))
         must_hold = f"must not exceed {largest / (1.0 + excess):g} A, up to which the map was made"
         return Problem(f"current of coil {self._names[k]}", must_hold, f"{largest:g} A", _REMEDY)
+
+
+def require_no_memory(remembers: bool, where: str) -> None:
+    """Raise InputError for iron with hysteresis, where its memory would be lost. where: function and argument."""
+    must_hold, received = "a map whose field the present currents tell", "one of iron with hysteresis"
+    remedy = "use it at fixed currents, with the memory that it has: field.at(currents)"
+    check(not remembers, where, must_hold, received, remedy)

@@ -10,7 +10,7 @@ from fieldmap.core.current_table import FOUND, CoreTable, Table
 from fieldmap.currents import ROUNDING, TOLERANCE, LiftAndDirections
 from fieldmap.errors import InputError
 from fieldmap.extras import require
-from fieldmap.lookup.current_model import CurrentModel
+from fieldmap.lookup.current_model import CurrentModel, require_no_memory
 from fieldmap.lookup.evaluation import Evaluator
 from fieldmap.records import Record
 from fieldmap.store import FieldError, Grid
@@ -77,9 +77,7 @@ def tabulate(
         received = "a map of linear iron" if divided is None else f"currents by {divided.name}"
         must_hold = "a map of saturating iron whose recipe has [currents] lift_and_directions"
         raise InputError.of("table of currents", must_hold, received, "do without a table")
-    if model.model.remembers:
-        must_hold, received = "iron whose field the present currents tell", "a map of iron with hysteresis"
-        raise InputError.of("table of currents", must_hold, received, "do without a table")
+    require_no_memory(model.model.remembers, "table of currents")
     if nodes is not None and (len(nodes) != 3 or min(nodes) < 4):
         must_hold = "must be three numbers of nodes, for u, x and y, each at least 4"
         raise InputError.of("table of currents", must_hold, f"{nodes}", "take (5, 17, 17)")

@@ -56,7 +56,7 @@ def _of_usual_history(model: CurrentModel) -> CurrentModel:
     """Iron with hysteresis as a map is opened; other iron as it is."""
     if not model.model.remembers:
         return model
-    return model.led(history_of_currents(HISTORIES[0], _usual_level(model)))
+    return model.along(history_of_currents(HISTORIES[0], _usual_level(model)))
 
 
 def check_choices(kind: str, outside: str, outside_currents: str) -> None:
@@ -178,14 +178,14 @@ class FieldMap(Field, own_shapes=ONE_POINT):
 
     @property
     def remembers(self) -> bool:
-        """Whether the iron has hysteresis, so that the field depends on the way of the currents too: see `memory`."""
+        """Whether the iron has hysteresis, so that the field depends on earlier currents too: see `memory`."""
         return self._model is not None and self._model.model.remembers
 
     def memory(self, history: str = HISTORIES[0], currents: Any = None) -> FieldMap:
         """This map with iron of a history, from which `step` goes on.
 
-        A map of iron with hysteresis always has a memory. Its field at currents is that after a straight way from the
-        currents of the memory to these; asking for it changes nothing. As it is opened its history is "shaken".
+        A map of iron with hysteresis always has a memory. Its field at currents is that after a straight path from
+        the currents of the memory to these; asking for it changes nothing. As it is opened its history is "shaken".
 
         Parameters
         ----------
@@ -218,11 +218,11 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         model = self._remembering("memory")
         level = _usual_level(model) if currents is None else self._amperes(currents)
         never = model.remembering(np.zeros(0))
-        return self._with(never.led(history_of_currents(history, level)))
+        return self._with(never.along(history_of_currents(history, level)))
 
     def step(self, currents: Any) -> FieldMap:
-        """This map after its currents went straight to others, which its iron remembers. Currents that turn back must
-        do so between two steps.
+        """This map after a straight path of the currents, which its iron remembers. Currents that turn back must do
+        so between two steps.
 
         Parameters
         ----------
@@ -276,11 +276,9 @@ class FieldMap(Field, own_shapes=ONE_POINT):
             For a map of iron without hysteresis, and for numbers of another map.
         """
         model, numbers = self._remembering("recalled"), np.array(remembered, dtype=np.float64)
-        wanted, remedy = (
-            model.remembered.shape,
-            "store `remembered` of a map that was opened from the same file",
-        )
+        wanted = model.remembered.shape
         good = numbers.shape == wanted and bool(np.isfinite(numbers).all())
+        remedy = "store `remembered` of a map that was opened from the same file"
         check(good, "recalled(remembered)", f"finite numbers {wanted}", f"numbers {numbers.shape}", remedy)
         return self._with(model.remembering(numbers))
 

@@ -169,50 +169,6 @@ def compiled_currents(field_map: FieldMap) -> CompiledModel:
     return _model(field_map).compiled
 
 
-def remembered_by(field_map: FieldMap) -> Array:
-    """What the iron of a map remembers.
-
-    Parameters
-    ----------
-    field_map
-        Opened map of saturating iron.
-
-    Returns
-    -------
-    Array
-        Numbers for `IronState.recall` of the core; none for iron without hysteresis.
-
-    Raises
-    ------
-    InputError
-        For a map that superposes.
-    """
-    return _model(field_map).remembered
-
-
-def require_no_memory(field_map: FieldMap, where: str) -> None:
-    """Refuse a map of iron with hysteresis, where its memory would be lost.
-
-    Parameters
-    ----------
-    field_map
-        Opened map.
-    where
-        Function and argument, for the message.
-
-    Raises
-    ------
-    InputError
-        For such a map.
-    """
-    if field_map.remembers:
-        must_hold = "must be a map whose field the present currents tell"
-        remedy = "give it at fixed currents, with the memory that it has: field.at(currents)"
-        raise InputError.of(
-            where, must_hold, "one of iron with hysteresis, which remembers earlier ones", remedy
-        )
-
-
 def table_of_currents(field_map: FieldMap, nodes: tuple[int, int, int] | None = None) -> CurrentTable:
     """The table of weights of a map of saturating iron whose currents are divided by lift and directions.
 

@@ -46,7 +46,7 @@ class MagneticBody(Record):
     def __post_init__(self) -> None:
         """Raises InputError for points and moments that are not as many finite vectors."""
         shape, other = np.shape(self.points), np.shape(self.moments)
-        fits = shape == other == (*shape[:1], 3)
+        fits = shape == other and len(shape) == 2 and shape[1] == 3
         received, remedy = f"shapes {shape} and {other}", "give a row for each dipole"
         check(fits, "MagneticBody(points, moments)", "must both have the shape (q, 3)", received, remedy)
         check_signal("MagneticBody(points)", self.points)

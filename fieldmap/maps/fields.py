@@ -20,9 +20,9 @@ from fieldmap.iron import LinearSolution, NonlinearSolver, SolverReport
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.maps.forecast import Forecast
+from fieldmap.maps.training.hysteresis import train_along_paths
 from fieldmap.maps.training.plan import Plan
-from fieldmap.maps.training.remembering import train_on_ways
-from fieldmap.maps.training.solved_ways import SolvedWays, WayLeader
+from fieldmap.maps.training.solved_paths import PathSolver, SolvedPaths
 from fieldmap.maps.training.states import SolvedStates
 from fieldmap.maps.training.training import train
 from fieldmap.parallel import Common, Workers
@@ -138,20 +138,19 @@ def trained_arrays(
     refinement: float,
     reference: Array,
     grid: Grid,
+    hysteresis: bool,
     checkpoint: Checkpoint,
     workers: Workers,
     say: Progress,
     forecast: Forecast,
 ) -> Kept:
-    """Solve the states that are not in the checkpoint yet, and train on all of them. say: told of the assembly;
-    forecast: of all that comes after it.
+    """Solve the states that are not in the checkpoint yet, and train on all of them. hysteresis: along paths of the
+    currents. say: told of the assembly; forecast: of all that comes after it.
 
-    Raises NotConverged if fewer than half of the states could be solved, or none of those to try the model on.
+    Raises NotConverged if fewer than half of the states could be solved, or none of those to try the model on; along
+    paths if any could not be solved.
     """
-    spent = Stopwatch(workers)
-    # An assembled solver is large: every process assembles its own, while this one does.
-    common = Common(_solver, device, refinement)
-    workers.prepare(common)
+    spent, points = Stopwatch(workers), box_surface(grid)
     assembled = False
 
     def assembling(message: str, share: float) -> None:
@@ -159,59 +158,34 @@ def trained_arrays(
         if not assembled:
             say(message, share)
 
-    solver = common.use(_solver(device, refinement, assembling))
-    assembled = True
-    states = SolvedStates(checkpoint, common, workers)
-    trained = train(solver, domain, plan, box_surface(grid), reference, states, forecast)
-    spent.add(states.earlier_seconds, states.earlier_processor_seconds)
-    middle = solver.solve(domain.middle, plan.tolerance, trained.snapshots.nearest(domain.middle))
+    # An assembled solver is large: every process assembles its own, while this one does.
+    solved: SolvedPaths | SolvedStates
+    if hysteresis:
+        say("assembling", 0.0)
+        along = Common(PathSolver, device, refinement, reference)
+        workers.prepare(along)
+        path_solver = along.use(PathSolver(device, refinement, reference))
+        solved = SolvedPaths(checkpoint, along, workers, plan.tolerance, forecast)
+        trained = train_along_paths(path_solver, domain, plan, points, solved, forecast)
+        surface = path_solver.solver.surface
+    else:
+        common = Common(_solver, device, refinement)
+        workers.prepare(common)
+        solver = common.use(_solver(device, refinement, assembling))
+        assembled = True
+        solved = SolvedStates(checkpoint, common, workers)
+        trained = train(solver, domain, plan, points, reference, solved, forecast)
+        surface = solver.surface
+    spent.add(solved.earlier_seconds, solved.earlier_processor_seconds)
     about = {
         "held_out_within": HELD_OUT * plan.accuracy,
-        "report": asdict(middle.report),
         "parametrisation": trained.model.parametrisation.to_json(),
-        "states_solved": states.count,
-        "states_failed": {str(number): reason for number, reason in states.failed.items()},
+        "states_solved": solved.count,
         "largest_weights": trained.largest_weights.tolist(),
         **trained.about,
         **spent.read(),
     }
-    return trained.model.arrays | _faces_to(solver.surface, trained.charge), about
-
-
-def led_arrays(
-    device: Device,
-    domain: CurrentDomain,
-    plan: Plan,
-    refinement: float,
-    reference: Array,
-    grid: Grid,
-    checkpoint: Checkpoint,
-    workers: Workers,
-    say: Progress,
-    forecast: Forecast,
-) -> Kept:
-    """As `trained_arrays`, of iron with hysteresis, along ways of the currents that are not in the checkpoint yet.
-
-    Raises NotConverged where the solver fails.
-    """
-    spent = Stopwatch(workers)
-    common = Common(WayLeader, device, refinement, reference)
-    workers.prepare(common)
-    say("assembling", 0.0)
-    leader = common.use(WayLeader(device, refinement, reference))
-    ways = SolvedWays(checkpoint, common, workers, plan.tolerance, forecast)
-    trained = train_on_ways(leader, domain, plan, box_surface(grid), ways, forecast)
-    spent.add(ways.earlier_seconds, ways.earlier_processor_seconds)
-    about = {
-        "held_out_within": HELD_OUT * plan.accuracy,
-        "parametrisation": trained.model.parametrisation.to_json(),
-        "states_solved": ways.count,
-        "states_failed": {},
-        "largest_weights": trained.largest_weights.tolist(),
-        **trained.about,
-        **spent.read(),
-    }
-    return trained.model.arrays | _faces_to(leader.solver.surface, trained.charge), about
+    return trained.model.arrays | _faces_to(surface, trained.charge), about
 
 
 def _solver(device: Device, refinement: float, say: Progress | None = None) -> NonlinearSolver:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -29,16 +29,21 @@ from fieldmap.maps.fields import (
     Stopwatch,
     from_arrays,
     kept,
-    led_arrays,
     peak_memory,
     to_arrays,
     trained_arrays,
     trained_map,
 )
 from fieldmap.maps.forecast import STAGES, Forecast, expect_training
-from fieldmap.maps.hysteresis import require_hysteresis
 from fieldmap.maps.near_sources import require_distance, require_use
-from fieldmap.maps.recipe import Recipe, choose_grid, read_recipe, read_recipe_device, recipe_for
+from fieldmap.maps.recipe import (
+    Recipe,
+    choose_grid,
+    read_recipe,
+    read_recipe_device,
+    recipe_for,
+    require_hysteresis,
+)
 from fieldmap.maps.training.currents import corner_signals
 from fieldmap.maps.training.plan import Plan
 from fieldmap.parallel import Common, Workers, same_arithmetic
@@ -201,9 +206,7 @@ def generate(
                     if plan is None or domain is None:
                         _linear(placed, order.mu_r, order.tolerance, order.refinement, writer, team, say)
                     else:
-                        train = led_arrays if order.model == "hysteresis" else trained_arrays
-                        by = (order.refinement, writer, team, say, accept_error)
-                        _saturating(placed, domain, plan, train, *by)
+                        _saturating(order, placed, domain, plan, writer, team, say, accept_error)
                 except FieldmapError as error:
                     # No run goes on to another end where the field in the box is at fault.
                     if not len(checkpoint) or isinstance(error, RecipeError | MapFileError):
@@ -263,17 +266,16 @@ def _linear(
 
 
 def _saturating(
+    order: Recipe,
     device: Device,
     domain: CurrentDomain,
     plan: Plan,
-    train: Callable[..., Kept],
-    refinement: float,
     writer: MapWriter,
     workers: Workers,
     say: Progress,
     accept_error: bool,
 ) -> None:
-    """The map of iron that saturates. train: `trained_arrays`, or `led_arrays` where it remembers."""
+    """The map of iron that saturates, with hysteresis or without."""
     forecast = Forecast(say, dict.fromkeys((*STAGES, "nodes", "certificate"), 0.0))
 
     def assembling(message: str, share: float) -> None:
@@ -282,9 +284,10 @@ def _saturating(
         _expect_fields(forecast, "assembling")
 
     info, checkpoint = writer.info, writer.checkpoint
-    solve = (device, domain, plan, refinement, info.reference_current, info.grid)
+    hysteresis = order.model == "hysteresis"
+    solve = (device, domain, plan, order.refinement, info.reference_current, info.grid, hysteresis)
     by = (checkpoint, workers, assembling, forecast)
-    trained = trained_map(device, *kept(checkpoint, "trained model", train, *solve, *by))
+    trained = trained_map(device, *kept(checkpoint, "trained model", trained_arrays, *solve, *by))
     accepted = require_accuracy(trained.about, plan, writer.target, accept_error)
     spent = Stopwatch(workers, *(trained.about[name] for name in SPENT))
     writer.info = replace(info, reduced_model=trained.model, current_error=trained.error)

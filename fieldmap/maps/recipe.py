@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from fieldmap.currents import CoilGroups, CurrentDomain, IndependentCurrents, LiftAndDirections
 from fieldmap.device import Device, read_device
+from fieldmap.device.materials import SaturatingMaterial
 from fieldmap.device.parts import WorkspaceBox
 from fieldmap.device.toml_text import toml_text
 from fieldmap.errors import RecipeError
@@ -295,9 +296,8 @@ class Recipe(Record):
     What map to make, in SI. device: as written, path or shipped name. spacing (3,) in m, an upper limit. lower, upper
     (3,) in m, or None for the device's workspace. mu_r: None for the initial slope of the device's B-H table.
     refinement: divides the device's mesh sizes. model: of the iron. reference_current: A, or None for the usual one.
-    file_name: of the map.
-    path and text: the file as read. currents: the domain and the training where the iron saturates, None where it is
-    linear.
+    file_name: of the map. path and text: the file as read. currents: the domain and the training where the iron
+    saturates, None where it is linear.
     """
 
     path: Path
@@ -519,6 +519,22 @@ def read_recipe_device(recipe: Recipe, changes: Mapping[str, Any] | None = None)
     remedy = meant(recipe.device, names, f"give a path relative to the recipe, or one of {one_of(names)}")
     must_hold = "a device file relative to the recipe, or the name of a shipped device"
     raise recipe.error("device", must_hold, shown(recipe.device), remedy)
+
+
+def require_hysteresis(device: Device) -> None:
+    """Raise RecipeError unless some of a device's iron has a coercive field, and there is no background field."""
+    materials = [device.materials[body.material] for body in device.bodies]
+    soft = [one for one in materials if isinstance(one, SaturatingMaterial)]
+    problems = []
+    if not any(one.coercive_field > 0.0 for one in soft):
+        must_hold = "a device with iron that has hysteresis"
+        remedy = 'give a material of the device coercive_field_A_per_m, or write model = "saturating"'
+        problems.append(AtKey("iron.model", must_hold, "no material with a coercive field", remedy))
+    if device.background is not None:
+        must_hold, remedy = "a device without [background] for iron with hysteresis", "leave it out"
+        problems.append(AtKey("iron.model", must_hold, "a background field", remedy))
+    if problems:
+        raise RecipeError(*problems)
 
 
 def choose_grid(box: Bounds | None, spacing: Array) -> Grid:

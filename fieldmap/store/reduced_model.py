@@ -28,7 +28,8 @@ class ReducedModel(Record):
     law_offset, law_knots, law_coefficients : the laws, as in `fieldmap.kernels.iron.magnetisation_law`.
     air, constant : (r, r) and (r,), A and r0 of the theory.
     output : (k, r), weights of the map's iron fields per amplitude.
-    known_currents, known_amplitudes : (s, c) and (s, r), of the training states; solves begin at the nearest one.
+    known_currents, known_amplitudes : (s, c) and (s, r), of the training states; solves begin at the nearest one. With
+        hysteresis the one state after the history "shaken", about whose currents the paths of the training lay.
     lower, upper : (d,), domain of the signals of `parametrisation`.
     parametrisation : of the currents.
     reference_weights : (k,), of the iron fields at the map's reference currents.
@@ -96,8 +97,8 @@ class ReducedModel(Record):
             values.flags.writeable = False
             object.__setattr__(self, name, values)
         offset = self.law_offset
-        laid = knots and np.array_equal(offset, np.unique([0, *offset.clip(0, knots), knots]))
-        _check(laid, "law_offset", "rising from 0 to the number of knots", offset.tolist())
+        rises = laws >= 1 and offset[0] == 0 and offset[-1] == knots and (np.diff(offset) >= 1).all()
+        _check(rises, "law_offset", "rising from 0 to the number of knots", offset.tolist())
         others = np.setdiff1d(self.law, range(laws))
         _check(not others.size, "law", f"numbers of {laws} laws", others.tolist())
         _check(len(self.known_currents), "known_currents", "at least one state", "none")

@@ -4,7 +4,7 @@
 
 The map of maps/remembering.toml is used with its memory and without (the same model, its cells taken away). gains: how
 far the magnet goes and how much more it is pulled, by the size of a loop of a signal. tables: the shipped scenarios of
-chapters 6 and 7 with both. branches: Tables 6-4 to 6-7 led by the map and by the full solver. Prints figures, not
+chapters 6 and 7 with both. branches: Tables 6-4 to 6-7 by the map and by the full solver. Prints figures, not
 verdicts; docs/remembering_study.md reads them.
 """
 
@@ -74,14 +74,14 @@ def gains(both: dict[str, FieldMap], console: Console) -> None:
             levels = protocol.level * (1.0 + share * np.array([1.0, -1.0, 1.0, -1.0]))
             lifts = [
                 _pull(opened, point, currents)[2]
-                for opened, point, currents in _led(opened, levels, protocol)
+                for opened, point, currents in _steps(opened, levels, protocol)
             ]
             row.append(f"{np.log(lifts[3] / lifts[2]) / np.log(levels[3] / levels[2]):.3f}")
         table.add_row(f"+- {100 * share:g} %", *row)
     console.print(table)
 
 
-def _led(
+def _steps(
     opened: FieldMap, levels: np.ndarray, protocol: Protocol
 ) -> Iterator[tuple[FieldMap, np.ndarray, np.ndarray]]:
     memory, point = _begun(opened, protocol), np.array([0.0, 0.0, protocol.height])
@@ -150,7 +150,7 @@ def branches(opened: FieldMap, console: Console) -> None:
     device = fm.read_device(DEVICE)
     solver = HysteresisSolver(device, None, REFINEMENT)
     table = Table(
-        "table", "largest difference, mm", "largest shift, mm", title="branches led by map and full solver"
+        "table", "largest difference, mm", "largest shift, mm", title="branches by map and full solver"
     )
     for number, (axis, side) in enumerate((a, s) for a in "xy" for s in ("positive", "negative")):
         signals = read_part(f"S14_{axis}_branches").inputs[f"{side}_signals"]

@@ -1,4 +1,4 @@
-"""The map that remembers, against the full solver with hysteresis on ways and small loops that no training saw."""
+"""The map with memory against the full solver, along paths and in small loops that no training saw."""
 
 import time
 from collections.abc import Iterator
@@ -12,12 +12,12 @@ from fieldmap.iron import HysteresisSolver, IronMemory
 from fieldmap.lookup import FieldMap
 from fieldmap.maps import read_recipe
 from fieldmap.maps.fields import box_surface
-from fieldmap.maps.training.ways import random_way
+from fieldmap.maps.training.paths import random_path
 from validation.row import Array, Row
 
 RECIPE = "remembering"
-WAYS, FIRST_WAY = 10, 100_000
-"""Random ways, and the number of the first, far beyond those of any training."""
+PATHS, FIRST_PATH = 10, 100_000
+"""Random paths, and the number of the first, far beyond those of any training."""
 FLUX_DENSITY, GRADIENT, SLOPE = 5e-3, 8e-3, 0.03
 """Allowed errors: of B and gradient as shares of the largest of the state, and of the slope of small loops."""
 WIDTHS = (0.005, 0.02, 0.1)
@@ -27,9 +27,8 @@ _PLACE = np.array([0.0, 0.0, -0.087])
 
 
 def remembering_map() -> Iterator[Row]:
-    """Ten ways of 30 steps, small loops of each signal, a thousand ways of the model alone, and the time of a step."""
-    recipe, path = read_recipe(RECIPE), fm.generate(RECIPE)
-    opened = fm.open_map(path)
+    """Ten paths, small loops of each signal, a thousand paths of the model alone, and the time of a step."""
+    recipe, opened = read_recipe(RECIPE), fm.open_map(fm.generate(RECIPE))
     reduced = opened.info.reduced_model
     assert reduced is not None
     domain, level = reduced.domain, reduced.known_currents[0]
@@ -39,44 +38,47 @@ def remembering_map() -> Iterator[Row]:
         f"{report['modes']} modes, {report['sample_points']} points, {report['states_solved']} states solved"
     )
     cost = (solver.surface_faces, 0, report["generation_seconds"], report["generation_processor_seconds"])
-    errors = np.array(list(_along_ways(opened, solver, domain, level)))
+    errors = np.array(list(_along_paths(opened, solver, domain, level)))
     stated = opened.current_error
     assert stated is not None
     case = f"{recipe.device} with memory"
     for k, (what, bound) in enumerate((("B", FLUX_DENSITY), ("gradient", GRADIENT))):
         share = float(errors[:, k].max())
         yield Row(
-            case, f"error of {what}, {WAYS} ways of 30 steps", share, bound, "full solver", *cost, found
+            case, f"error of {what}, {PATHS} paths of 30 steps", share, bound, "full solver", *cost, found
         )
         own = float(errors[:, 2 + k].max() / (stated.flux_density, stated.gradient)[k])
         yield Row(case, f"true by stated error of {what}", own, 1.05, "full solver", *cost, found)
     for name, value in _small_loops(opened, solver, level):
         yield Row(case, f"slope of the pull, {name}", value, SLOPE, "full solver", *cost, found)
-    failed, seconds = _many_ways(opened, domain, level)
-    yield Row(case, f"failures in {MANY} ways of 30 steps", failed, 0.5, "none allowed", *cost, found)
-    yield Row(case, "seconds of a step along a way", seconds, STEP_SECONDS, "one thread", *cost, found)
+    failed, seconds = _many_paths(opened, domain, level)
+    yield Row(case, f"failures in {MANY} paths of 30 steps", failed, 0.5, "none allowed", *cost, found)
+    yield Row(case, "seconds of a step along a path", seconds, STEP_SECONDS, "one thread", *cost, found)
 
 
-def led(solver: HysteresisSolver, way: Array, memory: IronMemory | None = None) -> IronMemory:
+def followed(solver: HysteresisSolver, path: Array, memory: IronMemory | None = None) -> IronMemory:
     """The iron after steps to currents (n, c)."""
     memory = memory or solver.demagnetised
-    for currents in way:
+    for currents in path:
         memory = solver.step(currents, memory).memory
     return memory
 
 
-def _along_ways(
+def _along_paths(
     opened: FieldMap, solver: HysteresisSolver, domain: CurrentDomain, level: Array
 ) -> Iterator[tuple[float, ...]]:
     """At each step errors of B and gradient as shares of the largest of the state, and in T and T/m."""
     points = box_surface(opened.info.grid)
     # A point on an edge of the box may lie outside it by rounding.
     points = np.clip(points, opened.lower, opened.upper)
-    begin = {"shaken": led(solver, history_of_currents("shaken", level)), "demagnetised": solver.demagnetised}
-    for number in range(FIRST_WAY, FIRST_WAY + WAYS):
-        way = random_way(domain, level, number)
-        memory, ours = begin[way.history], opened.memory(way.history)
-        for currents in way.currents:
+    begin = {
+        "shaken": followed(solver, history_of_currents("shaken", level)),
+        "demagnetised": solver.demagnetised,
+    }
+    for number in range(FIRST_PATH, FIRST_PATH + PATHS):
+        path = random_path(domain, level, number)
+        memory, ours = begin[path.history], opened.memory(path.history)
+        for currents in path.currents:
             state = solver.step(currents, memory)
             memory, ours = state.memory, ours.step(currents)
             pairs = zip(ours.field_and_gradient(points, currents), _fields(state, points), strict=True)
@@ -97,14 +99,14 @@ def _small_loops(opened: FieldMap, solver: HysteresisSolver, level: Array) -> It
     each width."""
     divided = opened.parametrisation
     assert isinstance(divided, LiftAndDirections)
-    start, rest = led(solver, history_of_currents("shaken", level)), divided.nearest(level).values
+    start, rest = followed(solver, history_of_currents("shaken", level)), divided.nearest(level).values
     for axis, (name, scale) in enumerate((("u", float(rest[0])), ("x", 1.0), ("y", 1.0))):
         for width in WIDTHS:
             signals = np.tile(rest, (8, 1))
             signals[:, axis] += scale * width * np.array([0.5, 1.0, 0.0, -1.0, 0.0, 1.0, 0.0, -1.0])
-            way = divided.currents(signals)
+            path = divided.currents(signals)
             memory, ours, pulls = start, opened.memory("shaken"), []
-            for currents in way:
+            for currents in path:
                 state = solver.step(currents, memory)
                 memory, ours = state.memory, ours.step(currents)
                 # A magnet that stands upright is pulled by the gradient of Bz.
@@ -115,15 +117,15 @@ def _small_loops(opened: FieldMap, solver: HysteresisSolver, level: Array) -> It
             yield f"loops of {width:g} of {name}", float(abs(one / other - 1.0))
 
 
-def _many_ways(opened: FieldMap, domain: CurrentDomain, level: Array) -> tuple[int, float]:
-    """How many ways fail, and processor seconds of a step along the smooth part of a way."""
+def _many_paths(opened: FieldMap, domain: CurrentDomain, level: Array) -> tuple[int, float]:
+    """How many paths fail, and processor seconds of a step along a smooth path."""
     failed = 0
-    for number in range(2 * FIRST_WAY, 2 * FIRST_WAY + MANY):
-        way = random_way(domain, level, number)
+    for number in range(2 * FIRST_PATH, 2 * FIRST_PATH + MANY):
+        path = random_path(domain, level, number)
         try:
-            model = opened.memory(way.history)._model
+            model = opened.memory(path.history)._model
             assert model is not None
-            model.led(way.currents)
+            model.along(path.currents)
         except fm.errors.NotConverged:
             failed += 1
     model = opened._model
@@ -133,7 +135,7 @@ def _many_ways(opened: FieldMap, domain: CurrentDomain, level: Array) -> tuple[i
     rest = of.nearest(level).values
     signals = np.tile(rest, (len(turns), 1))
     signals[:, 1], signals[:, 2] = 0.1 * np.sin(turns), 0.1 * np.sin(0.7 * turns)
-    way_currents = of.currents(signals)
+    along = of.currents(signals)
     begin = time.process_time()
-    model.led(way_currents)
+    model.along(along)
     return failed, (time.process_time() - begin) / len(turns)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fieldmap.core.iron import FOUND, MOST_STEPS, NOT_CONVERGED, NOT_FINITE, CoreIron
-from fieldmap.core.iron_numbers import numbers_in_fields
+from fieldmap.core.iron_numbers import numbers_without_fields
 
 POINTS, MODES = 30, 4
 # b = 2000 h up to 1 mT, then slope 1.
@@ -27,7 +27,12 @@ class Problem:
         self.air = square @ square.T + np.eye(MODES)
         self.constant = of_constant * random.standard_normal(MODES)
         laws = self.weights, np.zeros(points, np.int64), TABLES
-        self.core = CoreIron(numbers_in_fields(self.gradients, *laws, self.air, self.constant))
+        nothing = np.zeros(0)
+        iron = self.gradients, *laws, self.air, self.constant
+        numbers = numbers_without_fields(
+            np.zeros((len(self.gradients), 0)), nothing, *iron, np.zeros((0, 0)), nothing
+        )
+        self.core = CoreIron(numbers)
 
     def magnetised(self, amplitudes, scale):
         """Field (p, 3), its size, and b / h - 1."""

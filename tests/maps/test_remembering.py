@@ -1,4 +1,4 @@
-"""Maps of iron with hysteresis: their model against the full solver along ways that no training saw; their memory."""
+"""Maps of iron with hysteresis: their model against the full solver along paths that no training saw; their memory."""
 
 from dataclasses import replace
 
@@ -14,7 +14,8 @@ from fieldmap.errors import InputError, OutsideMapError, RecipeError
 from fieldmap.histories import history_of_currents
 from fieldmap.interop import jax_field, write_c_iron_map
 from fieldmap.iron import HysteresisSolver
-from fieldmap.maps.training import remembering, solved_ways, ways
+from fieldmap.maps.training import hysteresis, paths, solved_paths
+from fieldmap.maps.training.model_error import Errors
 from fieldmap.store import check_map, read_info
 from tests.core.test_machine import body_numbers
 from tests.maps.conftest import DEVICES
@@ -42,26 +43,28 @@ def device():
 
 @pytest.fixture(scope="module")
 def made(device, tmp_path_factory):
-    """A map, made in two runs: the first was stopped in the third batch of its ways."""
+    """A map, made in two runs: the first was stopped in the third batch of its paths."""
     path = tmp_path_factory.mktemp("remembering") / "cores.h5"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ways, "STEPS", STEPS)
-        patch.setattr(remembering, "STEPS", STEPS)
+        patch.setattr(paths, "STEPS", STEPS)
+        patch.setattr(hysteresis, "STEPS", STEPS)
         left = [5]
 
-        def stopping(leader, item):
+        def stopping(solver, item):
             left[0] -= 1
             if not left[0]:
                 raise KeyboardInterrupt
-            return leader.lead(*item)
+            return solver.solve(*item)
 
-        patch.setattr(solved_ways, "_led", stopping)
+        patch.setattr(solved_paths, "_solved", stopping)
         with pytest.raises(KeyboardInterrupt):
             generated(device, path)
-        led = []
-        patch.setattr(solved_ways, "_led", lambda leader, item: led.append(item[0]) or leader.lead(*item))
+        solved = []
+        patch.setattr(
+            solved_paths, "_solved", lambda solver, item: solved.append(item[0]) or solver.solve(*item)
+        )
         generated(device, path)
-    return path, led
+    return path, solved
 
 
 def generated(device, path):
@@ -83,75 +86,75 @@ def opened(made):
 
 @pytest.fixture(scope="module")
 def truth(device):
-    """Flux density (s, 3, 3) and gradient (s, 3, 3, 3) at the points, by the full solver, along a way of one
+    """Flux density (s, 3, 3) and gradient (s, 3, 3, 3) at the points, by the full solver, along a path of one
     history."""
     solver = HysteresisSolver(device, None, REFINEMENT)
 
-    def led(way):
+    def solved_along(path):
         memory, found = solver.demagnetised, []
-        for currents in [*history_of_currents(way.history, np.full(2, LEVEL)), *way.currents]:
+        for currents in [*history_of_currents(path.history, np.full(2, LEVEL)), *path.currents]:
             state = solver.step(currents, memory)
             memory = state.memory
             found.append((state.field(POINTS), state.gradient(POINTS)))
-        return tuple(np.array(part) for part in zip(*found[-len(way.currents) :], strict=True))
+        return tuple(np.array(part) for part in zip(*found[-len(path.currents) :], strict=True))
 
-    return led
+    return solved_along
 
 
 def test_a_stopped_run_solves_only_what_is_missing(made, opened):
-    led = made[1]
+    solved = made[1]
     report = opened.info.provenance.solver_report
-    assert 0 < sum(len(way.currents) for way in led) < report["states_solved"]
-    planned = ways.planned_ways(DOMAIN, np.full(2, LEVEL))
-    assert all(way.currents.shape != planned[0].currents.shape for way in led)
+    assert 0 < sum(len(one.currents) for one in solved) < report["states_solved"]
+    planned = paths.planned_paths(DOMAIN, np.full(2, LEVEL))
+    assert all(one.currents.shape != planned[0].currents.shape for one in solved)
     assert report["states_solved"] == report["states_trained_on"] + STEPS
 
 
 @pytest.mark.parametrize("number", [1001, 1003])
-def test_along_ways_that_no_training_saw_the_model_is_the_solver(opened, truth, number):
-    way = ways.random_way(DOMAIN, np.full(2, LEVEL), number)
-    flux, slope = truth(way)
-    memory = opened.memory(way.history)
+def test_along_paths_that_no_training_saw_the_model_is_the_solver(opened, truth, number):
+    path = paths.random_path(DOMAIN, np.full(2, LEVEL), number)
+    flux, slope = truth(path)
+    memory = opened.memory(path.history)
     error, bound = opened.current_error, opened.error_bound
-    for k, currents in enumerate(way.currents):
+    for k, currents in enumerate(path.currents):
         memory = memory.step(currents)
         b, g = memory.field_and_gradient(POINTS, currents)
         assert np.linalg.norm(b - flux[k], axis=1).max() < error.flux_density + bound.flux_density
         assert np.linalg.norm(g - slope[k], axis=(1, 2)).max() < error.gradient + bound.gradient
     # The error is small beside what the memory makes: the same currents, each straight from the level.
-    straight = np.array([opened.field(POINTS, currents) for currents in way.currents])
+    straight = np.array([opened.field(POINTS, currents) for currents in path.currents])
     assert np.linalg.norm(straight - flux, axis=2).max() > 5.0 * error.flux_density
 
 
-def test_ways_begin_where_they_say_and_stay_in_the_domain():
+def test_paths_begin_where_they_say_and_stay_in_the_domain():
     level = np.full(2, LEVEL)
-    first, *cycles = ways.planned_ways(DOMAIN, level)
+    first, *cycles = paths.planned_paths(DOMAIN, level)
     assert first.history == "demagnetised"
     np.testing.assert_array_equal(first.currents, history_of_currents("shaken", level))
-    for k, way in enumerate(cycles):
-        assert way.history == "shaken"
-        np.testing.assert_array_equal(way.currents[:, 1 - k], LEVEL)
-        moved = way.currents[:, k] - LEVEL
+    for k, path in enumerate(cycles):
+        assert path.history == "shaken"
+        np.testing.assert_array_equal(path.currents[:, 1 - k], LEVEL)
+        moved = path.currents[:, k] - LEVEL
         # To the nearer end: 0.6 A on both coils.
         np.testing.assert_allclose([moved[:8].max(), moved[8:16].max(), moved[16:].max()], [0.03, 0.15, 0.6])
         np.testing.assert_allclose(moved.reshape(3, 8).sum(axis=1), 0.0, atol=1e-12)
-    random = [ways.random_way(DOMAIN, level, number) for number in range(8)]
-    assert [way.history for way in random].count("demagnetised") == 2
-    assert all(DOMAIN.holds(currents) for way in random for currents in way.currents)
-    np.testing.assert_array_equal(random[5].currents, ways.random_way(DOMAIN, level, 5).currents)
-    assert len(random[0].currents) == ways.STEPS == 30
-    steps = np.concatenate([np.abs(np.diff(way.currents[:, 0])) for way in random])
+    random = [paths.random_path(DOMAIN, level, number) for number in range(8)]
+    assert [path.history for path in random].count("demagnetised") == 2
+    assert all(DOMAIN.holds(currents) for path in random for currents in path.currents)
+    np.testing.assert_array_equal(random[5].currents, paths.random_path(DOMAIN, level, 5).currents)
+    assert len(random[0].currents) == paths.STEPS == 30
+    steps = np.concatenate([np.abs(np.diff(path.currents[:, 0])) for path in random])
     assert np.quantile(steps, 0.1) < 0.02
     assert np.quantile(steps, 0.9) > 0.4
 
 
 @pytest.mark.parametrize(("history", "turns"), [("shaken", 10), ("demagnetised", 0)])
 def test_histories(history, turns):
-    way = history_of_currents(history, np.array([0.5, 2.0]))
-    assert way.shape == (turns, 2)
+    path = history_of_currents(history, np.array([0.5, 2.0]))
+    assert path.shape == (turns, 2)
     if turns:
-        np.testing.assert_allclose(way[:3], [[0.0, 0.0], [1.0, 4.0], [0.15, 0.6]])
-        np.testing.assert_array_equal(way[-1], [0.5, 2.0])
+        np.testing.assert_allclose(path[:3], [[0.0, 0.0], [1.0, 4.0], [0.15, 0.6]])
+        np.testing.assert_array_equal(path[-1], [0.5, 2.0])
     with pytest.raises(InputError):
         history_of_currents("shakn", np.ones(1))
 
@@ -177,19 +180,19 @@ def test_asking_changes_nothing_and_steps_leave_the_map_they_began_at(opened):
     stepped = opened.step(there)
     np.testing.assert_array_equal(opened.remembered, before)
     np.testing.assert_array_equal(opened.field(POINTS, there), asked)
-    # A straight way is the same, asked for or gone.
+    # A straight path is the same, asked for or gone.
     np.testing.assert_allclose(stepped.field(POINTS, there), asked, atol=1e-5 * np.abs(asked).max())
     back = stepped.field(POINTS, opened.last_currents) - opened.field(POINTS, opened.last_currents)
     assert np.abs(back).max() > 0.01 * np.abs(asked).max()
 
 
 def test_a_memory_goes_on_from_its_numbers_to_the_last_bit(opened, made):
-    way = ways.random_way(DOMAIN, np.full(2, LEVEL), 1002).currents
+    path = paths.random_path(DOMAIN, np.full(2, LEVEL), 1002).currents
     memory = opened
-    for currents in way[:10]:
+    for currents in path[:10]:
         memory = memory.step(currents)
     other = fm.open_map(made[0]).recalled(memory.remembered.tolist())
-    for currents in way[10:]:
+    for currents in path[10:]:
         memory, other = memory.step(currents), other.step(currents)
         np.testing.assert_array_equal(other.field(POINTS, currents), memory.field(POINTS, currents))
     np.testing.assert_array_equal(other.remembered, memory.remembered)
@@ -210,17 +213,17 @@ def test_derivatives_by_the_currents_are_those_with_the_memory_as_it_is(opened):
 
 
 def test_a_simulation_leads_the_iron_and_a_search_does_not(opened):
-    of, way = modelled(opened), np.array([[0.9, 0.4], [0.2, 0.4], [0.4, 0.4]])
+    of, path = modelled(opened), np.array([[0.9, 0.4], [0.2, 0.4], [0.4, 0.4]])
     none = (np.zeros(3), np.zeros((2, 4)), np.zeros((2, 7)))
     led = CoreMachine(of.plant(body_numbers(), *none))
-    tried = CoreMachine(of.plant(body_numbers(), *none, tolerance=1e-6))
+    tried = CoreMachine(of.plant(body_numbers(), *none, search=True))
     memory = opened
-    for currents in way:
+    for currents in path:
         memory = memory.step(currents)
         assert led.follow(currents)
         assert tried.follow(currents)
-    expected = memory._model.weights(way[-1])
-    untouched = opened._model.weights(way[-1])
+    expected = memory._model.weights(path[-1])
+    untouched = opened._model.weights(path[-1])
     size = np.abs(expected).max()
     np.testing.assert_allclose(led.weights, expected, atol=4e-3 * size)
     np.testing.assert_allclose(tried.weights, untouched, atol=1e-5 * size)
@@ -289,3 +292,10 @@ def test_jax_refuses_a_map_with_memory_but_not_its_field_at_currents(opened):
     at = jax_field(memory.at([0.7, 0.3]))
     ours = np.array(at(POINTS[0]))
     np.testing.assert_allclose(ours, memory.field(POINTS[0], [0.7, 0.3]), rtol=1e-4, atol=1e-7)
+
+
+def test_the_stated_error_is_the_largest_share_at_the_strongest_state():
+    some = Errors(3, 3, 1e-6, 2e-4, 2e-3, 1e-3, 5e-3, 0.25)
+    others = Errors(4, 4, 3e-6, 1e-4, 1e-3, 4e-3, 2e-3, 0.5)
+    found = hysteresis.stated_error([some, others])
+    assert found == pytest.approx({"flux_density": 2e-3 * 5e-3, "gradient": 4e-3 * 0.5})

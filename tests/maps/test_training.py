@@ -71,6 +71,11 @@ def trained(request, tmp_path_factory):
         patch.setattr(condensation, "_TRIED", 30)
         states = SolvedStates(checkpoint, Common.of(solver), workers)
         found = train(solver, domain, plan, POINTS, REFERENCE[:coils], states, forecast)
+    # The last solve is that of the middle, from the nearest state, for its report.
+    currents, _, start = solver.solves.pop()
+    assert found.about["report"] == {"currents": currents}
+    np.testing.assert_array_equal(currents, domain.middle)
+    assert start is not None
     return SimpleNamespace(
         found=found, about=found.about, solver=solver, states=states, told=told, domain=domain, plan=plan, coils=coils,
         unit=[unit_flux_density_and_gradient(coil, POINTS) for coil in COILS[:coils]], forecast=forecast,
@@ -113,10 +118,10 @@ def errors_at(trained, currents):
 
 def test_stated_errors_are_those_of_states_solved_anew(trained):
     """At the random states, at those that it was trained on, and within what is promised anywhere else."""
-    tried, snapshots = trained.about["states_tried"], trained.found.snapshots
+    tried, solved = trained.about["states_tried"], {currents for currents, *_ in trained.solver.solves}
     kinds = {
         "at random": held_out(trained.domain, trained.plan.held_out),
-        "trained on": snapshots.currents[list(snapshots.own)],
+        "trained on": np.array([i for i in trained.found.model.known_currents if tuple(i) in solved]),
     }
     for kind, currents in kinds.items():
         flux, gradient = errors_at(trained, currents)

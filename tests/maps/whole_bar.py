@@ -1,5 +1,6 @@
 """A bar of iron as a solver of whole devices: its modes are the nodes, each state is solved in a millisecond."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,6 +17,13 @@ POINTS = 1e-3 * np.array(
     [[1.0, 2.0, 30.0], [-8.0, 5.0, 25.0], [3.0, -9.0, 45.0], [0.0, 1.0, 60.0], [7.0, 1.0, 33.0]]
 )
 FACES = 6
+
+
+@dataclass(frozen=True)
+class Report:
+    """Of the solver: the currents of the state."""
+
+    currents: tuple[float, ...]
 
 
 class WholeBar:
@@ -45,7 +53,8 @@ class WholeBar:
         self.solves.append((tuple(currents), tolerance, start))
         if tuple(currents) in self.fails:
             raise NotConverged(Problem("bar", "must converge", "no", "refine"))
-        return SimpleNamespace(state=SimpleNamespace(potential=self.potential(currents)[:, None]))
+        state = SimpleNamespace(potential=self.potential(currents)[:, None])
+        return SimpleNamespace(state=state, report=Report(tuple(currents)))
 
     def sensitivities(self, currents, potential, directions):
         steps = 1e-4 * directions.T

@@ -46,8 +46,8 @@ class LawTables(Record):
         return out
 
 
-# Where the entries of a symmetric matrix stand among its six.
-_PACKED = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+PACKED = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+"""Where the entries of a symmetric matrix stand among its six, xx, xy, xz, yy, yz, zz."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -77,7 +77,7 @@ class Magnetisation(Record):
 
     def susceptible(self, h: Array, vectors: Array) -> Array:
         """(db/dh - 1) v for vectors (..., e, k, 3) at h (e, k, 3)."""
-        matrices = self.susceptibility(h)[..., _PACKED]
+        matrices = self.susceptibility(h)[..., PACKED]
         return np.einsum("ekij,...ekj->...eki", matrices, vectors)
 
 

@@ -311,7 +311,7 @@ class HysteresisSolver:
         return IronMemory(material, nothing, coils, nothing, coils)
 
     images: ClassVar[tuple[StateImage, ...]] = ()
-    """A way has no image that is known without a solve."""
+    """Of a path no image is known without a solve."""
 
     @property
     def surface(self) -> ChargedFaces:
@@ -376,12 +376,12 @@ class HysteresisSolver:
     def magnetised(
         self, memory: IronMemory, currents: Array, potentials: Array
     ) -> Iterator[tuple[Array, Array]]:
-        """What the iron did on a way that is solved already.
+        """What the iron did along a path that is solved already.
 
         Parameters
         ----------
         memory
-            Of the state where the way begins.
+            Of the state where the path begins.
         currents
             (s, c), A, at the ends of the steps.
         potentials

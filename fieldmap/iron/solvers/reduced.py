@@ -4,7 +4,7 @@ The amplitudes of the basis solve the projected equation of the potential form (
 law B(H) is evaluated at the points of the elements, as in the full model, and the functional stays convex.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, qr, solve_triangular
 
 from fieldmap.core.iron import FOUND, CoreIron
-from fieldmap.core.iron_numbers import numbers_in_fields, numbers_of_cells
+from fieldmap.core.iron_numbers import numbers_without_fields
 from fieldmap.errors import NotConverged
 from fieldmap.iron.elements.bh_law import LawTables
 from fieldmap.iron.elements.nodal_elements import CoilField
@@ -39,7 +39,7 @@ class GalerkinModel(Record):
     gradients (3 p, r) and source (3 p, c): gradients of the modes and the coils' field per ampere at the points, in
     T; weights (p,) in m^3; law (p,) and tables: the material there; air (r, r) and constant (r,): A and r0 of the
     equation (docs/theory/current_dependence.md, (2)); fixed (3 p,): field of the background at the points, T, None
-    without one. pinning (l, k), T, and shares (k,): of the play cells of each law, None for iron without hysteresis.
+    without one. pinning (l, k), T, and shares (k,): of the play cells of each law, empty for iron without hysteresis.
     """
 
     gradients: Array
@@ -50,8 +50,8 @@ class GalerkinModel(Record):
     air: Array
     constant: Array
     fixed: Array | None = None
-    pinning: Array | None = None
-    shares: Array | None = None
+    pinning: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    shares: Array = field(default_factory=lambda: np.zeros(0))
 
     def applied(self, currents: Array) -> Array:
         """Field (3 p,) of coils and background at the points at currents (c,), T."""
@@ -140,6 +140,12 @@ class GalerkinModel(Record):
             tangent += part.T @ part
         return cholesky(tangent, lower=True)
 
+    def share_of_law(self, factor: Array) -> Array:
+        """Share (r, r) of the law in a tangent K = L L^T, with its Cholesky factor L, in coordinates in which K is the
+        unit matrix."""
+        half = solve_triangular(factor, self.air, lower=True)
+        return np.eye(len(factor)) - solve_triangular(factor, half.T, lower=True)
+
     def _roots(self, first: int, currents: Array, amplitude: Array, of: Array) -> Array:
         """Functions `of` (3 p, r) at points from number `first` on, times the root of w (db/dh - 1): (p, 3, r)."""
         points, rows = slice(first, first + len(of) // 3), slice(3 * first, 3 * first + len(of))
@@ -159,8 +165,7 @@ class GalerkinModel(Record):
 
     @cached_property
     def _core(self) -> CoreIron:
-        laws = self.weights, self.law, self.tables.arrays
-        return CoreIron(numbers_in_fields(self.gradients, *laws, self.air, self.constant))
+        return self._core_with(np.zeros((len(self.gradients), 0)), np.zeros(0))
 
     def error_coordinates(self, currents: Array, amplitude: Array, fields: Array, energy: float) -> Array:
         """C (r, r), so that |R^T C|^2 is the squared size of the error that a residual R (r,) causes in a state: that
@@ -171,10 +176,10 @@ class GalerkinModel(Record):
         """
         return error_coordinates(self._few.tangent_factor(currents, amplitude), amplitude, fields, energy)
 
-    def led(self, currents: Array, tolerance: float = 1e-6) -> Array:
+    def along(self, currents: Array, tolerance: float = 1e-6) -> Array:
         """Amplitudes (s, r) of iron with hysteresis that was never magnetised, at currents (s, c), one straight step
         after the other. Raises NotConverged."""
-        state, amplitudes = self._core_with_coils.state(), np.empty((len(currents), self.modes))
+        state, amplitudes = self._core_at_currents.state(), np.empty((len(currents), self.modes))
         weights = np.empty(self.source.shape[1] + (self.fixed is not None))
         for row, out in zip(np.array(currents, dtype=np.float64, order="C"), amplitudes, strict=True):
             if state.step(row, weights, tolerance=tolerance) != FOUND:
@@ -185,15 +190,12 @@ class GalerkinModel(Record):
         return amplitudes
 
     @cached_property
-    def _core_with_coils(self) -> CoreIron:
-        laws = self.weights, self.law, self.tables.arrays
-        fixed = np.zeros(0) if self.fixed is None else self.fixed
-        assert self.pinning is not None
-        assert self.shares is not None
-        numbers = numbers_of_cells(
-            self.source, fixed, self.gradients, *laws, self.air, self.constant, self.pinning, self.shares
-        )
-        return CoreIron(numbers)
+    def _core_at_currents(self) -> CoreIron:
+        return self._core_with(self.source, np.zeros(0) if self.fixed is None else self.fixed)
+
+    def _core_with(self, source: Array, fixed: Array) -> CoreIron:
+        iron = self.gradients, self.weights, self.law, self.tables.arrays, self.air, self.constant
+        return CoreIron(numbers_without_fields(source, fixed, *iron, self.pinning, self.shares))
 
     def moments(self, currents: Array, amplitude: Array) -> Array:
         """mu0 times the magnetic moment (p, 3) that every point stands for, T m^3."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fieldmap.currents import CurrentDomain
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.maps.training.model_error import ModeFields, larger
@@ -11,6 +12,7 @@ from fieldmap.maps.training.modes import SolvedModes, solved_from
 from fieldmap.maps.training.sampling import Sampled
 from fieldmap.maps.training.states import Snapshots
 from fieldmap.records import Record
+from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 
 # Number of currents whose residuals are computed at a time, and so of nodal potentials in memory.
@@ -73,3 +75,37 @@ class Reduction(Record):
         charge = self.amplitudes(tried.currents) @ self.charge
         change = self.solver.charge_density(tried.potentials) - charge
         return larger(self.fields.trial.shares(tried.currents, charge + change, change))
+
+
+def model_of_map(
+    model: GalerkinModel,
+    output: Array,
+    currents: Array,
+    amplitudes: Array,
+    domain: CurrentDomain,
+    reference_weights: Array,
+) -> ReducedModel:
+    """A model as data of a map. output (k, r): weights of the map's fields per amplitude; reference_weights (k,): at
+    its reference currents; currents (s, c) and amplitudes (s, r): of known states."""
+    offset, knots, coefficients = model.tables.arrays
+    return ReducedModel(
+        gradients=model.gradients,
+        source=model.source,
+        weights=model.weights,
+        law=model.law,
+        law_offset=offset,
+        law_knots=knots,
+        law_coefficients=coefficients,
+        air=model.air,
+        constant=model.constant,
+        output=output,
+        known_currents=currents,
+        known_amplitudes=amplitudes,
+        lower=domain.lower,
+        upper=domain.upper,
+        parametrisation=domain.parametrisation,
+        reference_weights=reference_weights,
+        fixed=np.zeros(0) if model.fixed is None else model.fixed,
+        pinning=model.pinning,
+        shares=model.shares,
+    )

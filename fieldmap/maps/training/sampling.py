@@ -11,7 +11,6 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from fieldmap.currents import CurrentDomain
 from fieldmap.iron.solvers.reduced import GalerkinModel
@@ -282,12 +281,11 @@ class _Tried:
 def _tangent(model: GalerkinModel, currents: Array, amplitude: Array) -> tuple[Array, OfPoints]:
     """Arguments of `Cubature.add_tangent` for a state."""
     factor = model.tangent_factor(currents, amplitude)
-    of_air = solve_triangular(factor, solve_triangular(factor, model.air, lower=True).T, lower=True)
 
     def of(points: NDArray[np.int64]) -> Array:
         return model.sampled(points, model.weights[points]).roots_of_tangent(currents, amplitude, factor)
 
-    return np.eye(len(factor)) - of_air, of
+    return model.share_of_law(factor), of
 
 
 def _contributions(

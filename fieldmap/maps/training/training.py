@@ -23,7 +23,7 @@ from fieldmap.maps.training.currents import STARTS, extreme_signals, held_out, s
 from fieldmap.maps.training.model_error import Errors
 from fieldmap.maps.training.modes import output_fields, solved
 from fieldmap.maps.training.plan import Plan
-from fieldmap.maps.training.reduction import Reduction
+from fieldmap.maps.training.reduction import Reduction, model_of_map
 from fieldmap.maps.training.search import ExtremesTried, allowed, search_condensed, search_worst, try_extremes
 from fieldmap.maps.training.sequence import MOST_MODES, Training
 from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates
@@ -57,15 +57,13 @@ class Trained(Record):
     ----------
     model : the reduced model.
     charge : (k, s), surface charge density of the iron's fields on s faces, T.
-    snapshots : the states that it was trained on.
     largest_weights : (c + k,), largest weights of the map's fields over the domain.
     about : what was done and found, as plain Python for the report of the map: what was solved and tried, errors at
-        tested states by their kind, and parts of the error.
+        tested states by their kind, parts of the error, and the solver's report of one state.
     """
 
     model: ReducedModel
     charge: Array
-    snapshots: Snapshots
     largest_weights: Array
     about: Mapping[str, Any]
 
@@ -119,7 +117,10 @@ def train(
         tries.condensed += 1
     modes, few = reduction.modes, found.few
     assert tries.extremes is not None
-    model = _model(few.model, found.output, modes.currents, modes.amplitudes @ few.basis, domain, reference)
+    amplitudes = modes.amplitudes @ few.basis
+    at_reference = found.output @ few.model.solve(reference, amplitudes[0])[0]
+    model = model_of_map(few.model, found.output, modes.currents, amplitudes, domain, at_reference)
+    middle = solver.solve(domain.middle, plan.tolerance, training.known.nearest(domain.middle))
     trained = reduction.sampled
     about = {
         "states_trained_on": len(model.known_currents),
@@ -131,11 +132,13 @@ def train(
         "rounds": [asdict(one) for one in training.rounds],
         "modes": len(model.constant),
         "sample_points": len(model.weights),
+        "report": asdict(middle.report),
+        "states_failed": {str(number): reason for number, reason in states.failed.items()},
         # changed: largest change of a state's field that was found, as a multiple of the accuracy.
         "condensed_from": {"modes": trained.modes, "points": len(trained.weights), "changed": few.changed},
     }
     largest = _largest_weights(domain, few.model, found.output, modes.currents)
-    return Trained(model, found.charge, training.known, largest, about)
+    return Trained(model, found.charge, largest, about)
 
 
 class Tries:
@@ -409,33 +412,3 @@ def require_some(tried: Mapping[str, Snapshots], states: SolvedStates) -> None:
 
 def _not_trained(must_hold: str, received: str, remedy: str) -> NotConverged:
     return NotConverged.of("training of the current dependence", must_hold, received, remedy)
-
-
-def _model(
-    model: GalerkinModel,
-    output: Array,
-    currents: Array,
-    amplitudes: Array,
-    domain: CurrentDomain,
-    reference: Array,
-) -> ReducedModel:
-    offset, knots, coefficients = model.tables.arrays
-    return ReducedModel(
-        gradients=model.gradients,
-        source=model.source,
-        weights=model.weights,
-        law=model.law,
-        law_offset=offset,
-        law_knots=knots,
-        law_coefficients=coefficients,
-        air=model.air,
-        constant=model.constant,
-        output=output,
-        known_currents=currents,
-        known_amplitudes=amplitudes,
-        lower=domain.lower,
-        upper=domain.upper,
-        parametrisation=domain.parametrisation,
-        reference_weights=output @ model.solve(reference, amplitudes[0])[0],
-        fixed=np.zeros(0) if model.fixed is None else model.fixed,
-    )

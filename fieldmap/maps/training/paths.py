@@ -1,4 +1,4 @@
-"""Ways of the currents through a domain, on which iron that remembers is solved: to train a model and to test it."""
+"""Paths of the currents through a domain, along which iron with hysteresis is solved for training and tests."""
 
 from dataclasses import dataclass
 
@@ -10,41 +10,40 @@ from fieldmap.records import Record
 from fieldmap.typing import Array
 
 STEPS = 30
-"""Steps of a random way."""
-# Amplitudes of the cycles of one signal, as shares of the distance to the nearer end of its range, and their places.
+"""Steps of a random path."""
+# Amplitudes of the cycles of one signal, as shares of the distance to the nearer end of its range, and their points.
 _AMPLITUDES = (0.05, 0.25, 1.0)
 _CYCLE = np.array([0.5, 1.0, 0.5, 0.0, -0.5, -1.0, -0.5, 0.0])
-# Of the steps of a random way this share goes anywhere; the others are local, of sizes between these powers of ten, as
-# shares of the ranges.
+# Share of the steps of a random path that go anywhere; sizes of the others, as powers of ten of the ranges.
 _ANYWHERE, _LOCAL = 0.4, (-2.5, -0.5)
-# One random way in so many begins in iron that was never magnetised.
+# One random path in so many begins in iron that was never magnetised.
 _FROM_NOTHING = 4
 _SEED = 57
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Way(Record):
-    """Currents (s, c), A, one straight step after the other, after a history (fieldmap.histories)."""
+class CurrentPath(Record):
+    """Currents (s, c), A, at the ends of straight steps after a history (fieldmap.histories)."""
 
     history: str
     currents: Array
 
 
-def planned_ways(domain: CurrentDomain, level: Array) -> list[Way]:
-    """The history "shaken" about currents `level` (c,), and cycles of each signal about it, larger and larger."""
+def planned_paths(domain: CurrentDomain, level: Array) -> list[CurrentPath]:
+    """The history "shaken" about currents `level` (c,), and growing cycles of each signal about it."""
     rest = domain.parametrisation.nearest(level).values
-    ways = [Way("demagnetised", history_of_currents("shaken", level))]
-    for k, place in enumerate(rest):
-        reach = min(domain.upper[k] - place, place - domain.lower[k])
+    paths = [CurrentPath("demagnetised", history_of_currents("shaken", level))]
+    for k, middle in enumerate(rest):
+        reach = min(domain.upper[k] - middle, middle - domain.lower[k])
         signals = np.tile(rest, (len(_AMPLITUDES) * len(_CYCLE), 1))
         signals[:, k] += reach * np.outer(_AMPLITUDES, _CYCLE).ravel()
-        ways.append(Way("shaken", domain.parametrisation.currents(signals)))
-    return ways
+        paths.append(CurrentPath("shaken", domain.parametrisation.currents(signals)))
+    return paths
 
 
-def random_way(domain: CurrentDomain, level: Array, number: int) -> Way:
-    """A way from currents `level` (c,) through the domain, the same for the same number. Far steps and short ones, so
-    that it has loops of many widths."""
+def random_path(domain: CurrentDomain, level: Array, number: int) -> CurrentPath:
+    """A path from currents `level` (c,) through the domain. The same number gives the same path. Its steps are far and
+    short, so that it has loops of many widths."""
     random = np.random.default_rng((_SEED, number))
     of, span = domain.parametrisation, domain.upper - domain.lower
     place = (of.nearest(level).values - domain.lower) / span
@@ -58,4 +57,4 @@ def random_way(domain: CurrentDomain, level: Array, number: int) -> Way:
             place = 1.0 - np.abs(1.0 - np.abs(place + step) % 2.0)
         row[:] = place
     history = "demagnetised" if number % _FROM_NOTHING == _FROM_NOTHING - 1 else "shaken"
-    return Way(history, domain.at(shares))
+    return CurrentPath(history, domain.at(shares))
