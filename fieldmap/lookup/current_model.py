@@ -195,8 +195,9 @@ class CurrentModel:
 
     def remembering(self, remembered: Array) -> CurrentModel:
         """The same iron with another memory, numbers as `remembered`."""
+        # A copy has no states of its own yet: see __setstate__.
         other = copy(self)
-        other.remembered, other._own = remembered, threading.local()
+        other.remembered = remembered
         return other
 
     @property

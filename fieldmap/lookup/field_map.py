@@ -290,8 +290,9 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         return self._model
 
     def _with(self, model: CurrentModel) -> FieldMap:
+        # A copy keeps nothing of the last call: see __getstate__.
         other = copy(self)
-        other._model, other._last, other._last_weights = model, (b"", None), (b"", np.empty(0))
+        other._model = model
         return other
 
     @property

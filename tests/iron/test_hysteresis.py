@@ -277,3 +277,22 @@ def test_a_step_that_fails_is_divided(solver, monkeypatch):
     np.testing.assert_allclose(whole.iron_linkage, state.iron_linkage, rtol=1e-6)
     with pytest.raises(NotConverged):
         solver.step([60.0 + 30.0 * 17], memory)
+
+
+def test_what_the_iron_did_along_a_path_is_read_from_its_potentials(solver):
+    """Polarisation at the points, from what the cells remember at each state; a magnet's remanence is not in it."""
+    path, memory, states = np.array([[100.0], [-20.0], [60.0]]), solver.demagnetised, []
+    for currents in path:
+        states.append(solver.step(currents, memory))
+        memory = states[-1].memory
+    magnet = replace(solver.demagnetised.material, remanence=np.full((1, len(memory.material.law), 3), 0.3))
+    for begin in (solver.demagnetised, replace(solver.demagnetised, material=magnet)):
+        found = solver.magnetised(begin, path, np.array([state.memory.potential for state in states]))
+        for state, (polarisation, derivative) in zip(states, found, strict=True):
+            of = state.memory.material
+            size = np.linalg.norm(of.reversible, axis=-1, keepdims=True)
+            # Froehlich: J = chi h Js / (Js + chi h), chi = 999.
+            chord = 999.0 * 2.0 / (2.0 + 999.0 * size)
+            cells = (chord * of.reversible).reshape(len(polarisation), -1, 3)
+            np.testing.assert_allclose(polarisation, PINNING.weights @ cells, rtol=2e-3, atol=2e-4)
+            assert derivative.shape == (len(polarisation), 6)

@@ -179,7 +179,15 @@ def test_asking_changes_nothing_and_steps_leave_the_map_they_began_at(opened):
     asked = opened.field(POINTS, there)
     stepped = opened.step(there)
     np.testing.assert_array_equal(opened.remembered, before)
+    # Nor do other questions, which solve from where this one ended unless the memory is taken anew.
+    opened.field(POINTS, [0.7, -0.2])
     np.testing.assert_array_equal(opened.field(POINTS, there), asked)
+    # What is kept of the last question belongs to the map that was asked.
+    here = opened.last_currents
+    asked_here, recalled = opened.field(POINTS, here), opened.recalled(opened.step([-0.5, 0.8]).remembered)
+    again = opened.step([-0.5, 0.8]).field(POINTS, here)
+    np.testing.assert_array_equal(again, recalled.field(POINTS, here))
+    assert np.abs(again - asked_here).max() > 0.01 * np.abs(asked_here).max()
     # A straight path is the same, asked for or gone.
     np.testing.assert_allclose(stepped.field(POINTS, there), asked, atol=1e-5 * np.abs(asked).max())
     back = stepped.field(POINTS, opened.last_currents) - opened.field(POINTS, opened.last_currents)
