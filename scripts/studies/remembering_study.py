@@ -106,7 +106,7 @@ def _rest(field: FieldMap, currents: np.ndarray, height: float, near: np.ndarray
     def aside(place: np.ndarray) -> np.ndarray:
         return _pull(field, np.array([*place, height]), currents)[:2]
 
-    found: np.ndarray = fsolve(aside, near, xtol=1e-10)
+    found: np.ndarray = fsolve(aside, near, xtol=1e-7)
     return found
 
 
@@ -167,7 +167,7 @@ def _walked(opened: FieldMap, signals: np.ndarray, protocol: Protocol) -> Iterat
     """Places (2,) at signals, the level such that the lift stays that at the first."""
     memory, known, lift = _begun(opened, protocol), np.array([0.0, 0.0, protocol.level]), np.nan
     for signal in signals:
-        known = fsolve(_left, known, (memory, float(signal), protocol, lift), xtol=1e-10)
+        known = fsolve(_left, known, (memory, float(signal), protocol, lift), xtol=1e-7)
         currents = divided(known[2], float(signal), protocol.axis, protocol.n)
         if np.isnan(lift):
             lift = _pull(memory, np.array([*known[:2], protocol.height]), currents)[2]
