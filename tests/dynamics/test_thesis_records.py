@@ -30,12 +30,16 @@ def records(six, legible):
 def test_identified_poles_are_those_of_the_linear_machine(six, records):
     inputs, numbers = records(vertical_records, "S16_records")
     pairs = numbers["pair_real"] + 1j * numbers["pair_imaginary"]
-    complex_ones = numbers["pair_imaginary"] > 0
-    assert complex_ones.any()
-    for Kc, pair in zip(inputs["gains"][complex_ones], pairs[complex_ones], strict=True):
+    compared = 0
+    for Kc, pair in zip(inputs["gains"], pairs, strict=True):
         changes = {**changes_of((Kc, inputs["Ti"], inputs["Td"])), "start.depth_mm": 8.0}
         (point,) = linear_points(prepare(read_scenario("vertical_step", changes), six))
-        assert np.abs(point.loop.poles - pair).min() < 2e-3
+        vertical = point.loop.poles[np.abs(point.loop.poles) < 0.999]
+        # Real poles are overdamped. A record does not tell them from the magnet's undamped motion sideways.
+        if np.abs(vertical.imag).max() > 1e-6:
+            compared += 1
+            assert np.abs(vertical - pair).min() < 2e-3
+    assert compared == 2
     # PID's derivative acts on the measurement or the error, but its integrator's zero stays: 1 - Ts/Ti and slower.
     np.testing.assert_allclose(numbers["zero"], 1 - 2e-3 / 0.42, atol=2e-3)
 
