@@ -744,8 +744,8 @@ static inline void fieldmap_iron_remember(
 
 /* Newton's method in the field `applied`. a (padded to `wide` numbers): first guess, overwritten by the result. Returns whether
  * it converged. tolerance: allowed relative error in the energy norm. near: the factor is that of a state nearby; otherwise the
- * tangent is computed first. While the decrement is below 0.1 and each step reduces it to less than 0.6, the factor is kept and
- * BFGS pairs correct it. */
+ * tangent is computed first. While the decrement is below 0.1, each step reduces it to less than 0.6 and none is too long, the
+ * factor is kept and BFGS pairs correct it. */
 static inline int fieldmap_iron_newton(fieldmap_iron_state *s, double *a, int near, double tolerance)
 {
     const fieldmap_iron *map = s->map;
@@ -794,7 +794,10 @@ static inline int fieldmap_iron_newton(fieldmap_iron_state *s, double *a, int ne
         rest = was - slope;
         curved = fieldmap_iron_product(s->left, s->change, r);
         end -= rest + curved;
-        if (end < -0.3 * fabs(slope)) t = fieldmap_iron_shorter(map, s, rest, curved, slope, end);
+        if (end < -0.3 * fabs(slope)) {
+            t = fieldmap_iron_shorter(map, s, rest, curved, slope, end);
+            known = 0;
+        }
         for (i = 0; i < 3 * map->p; i++) s->h[i] -= t * s->step_h[i];
         swap = s->vector;
         s->vector = s->moved;

@@ -120,17 +120,21 @@ static inline double fieldmap_cell_bounded(
     return mu;
 }
 
-/* Fill the reversible field r[3] of a cell in the field h, from the remembered p[4], and return mu of (2): 0 where the cell
- * stays, infinity without pinning. A cell remembers its field and the ratio of its polarisation to it. r lies on the circle of
- * radius kappa about h, in the plane of h and p. Newton's method turns the direction n of h - r, which begins straight towards
- * h, until J(r) - J(p) points along it. */
-static inline double fieldmap_cell_moved(
-    const fieldmap_iron_curve *of, int *piece, const double *h, const double *p, double kappa, double *r)
+/* Fill the reversible field r[3] of a cell in the field h, from the remembered p[4], and J / |r| and dJ / d|r| there. Returns mu
+ * of (2): 0 where the cell stays, infinity without pinning. A cell remembers its field and the ratio of its polarisation to it. r
+ * lies on the circle of radius kappa about h, in the plane of h and p. Newton's method turns the direction n of h - r, which
+ * begins straight towards h, until J(r) - J(p) points along it. slope is not filled where the cell stays. */
+static inline double fieldmap_cell_moved(const fieldmap_iron_curve *of, int *piece, const double *h, const double *p, double kappa,
+    double *r, double *chord, double *slope)
 {
-    double u[3], v[3], j[3], away, chord, slope, h_u, h_v, n_u = 1.0, n_v = 0.0;
+    double u[3], v[3], j[3], away, mu, h_u, h_v, n_u = 1.0, n_v = 0.0;
     int i, k;
     for (i = 0; i < 3; i++) r[i] = kappa == 0.0 ? h[i] : p[i];
-    if (kappa == 0.0) return (double)INFINITY;
+    *chord = p[3];
+    if (kappa == 0.0) {
+        *chord = fieldmap_iron_chord(of, piece, fieldmap_norm(r), slope);
+        return (double)INFINITY;
+    }
     for (i = 0; i < 3; i++) u[i] = h[i] - p[i];
     away = fieldmap_norm(u);
     if (away <= kappa) return 0.0;
@@ -140,27 +144,31 @@ static inline double fieldmap_cell_moved(
     for (i = 0; i < 3; i++) v[i] = h[i] - h_u * u[i];
     h_v = fieldmap_norm(v);
     for (i = 0; i < 3; i++) v[i] = h_v > 0.0 ? v[i] / h_v : 0.0;
-    chord = p[3];
-    for (i = 0; i < 3; i++) j[i] = chord * p[i];
     for (k = 0; k < FIELDMAP_CELL_TURNS; k++) {
         const double r_u = h_u - kappa * n_u, r_v = h_v - kappa * n_v, s = sqrt(r_u * r_u + r_v * r_v);
-        double of_r = fieldmap_iron_chord(of, piece, s, &slope), g_u, g_v, along, across, t, angle, size;
-        g_u = of_r * r_u - chord * (h_u - away), g_v = of_r * r_v - chord * h_v;
-        along = g_u * n_u + g_v * n_v, across = g_v * n_u - g_u * n_v;
+        const double of_r = fieldmap_iron_chord(of, piece, s, slope), inverse = s > 1e-30 ? 1.0 / s : 0.0;
+        const double g_u = of_r * r_u - p[3] * (h_u - away), g_v = of_r * r_v - p[3] * h_v;
+        const double along = g_u * n_u + g_v * n_v, t = (r_v * n_u - r_u * n_v) * inverse;
+        double angle = (g_v * n_u - g_u * n_v) / (along + kappa * (of_r + (*slope - of_r) * t * t)), turned, size;
         if (along <= 0.0) break;
-        t = s > 1e-30 ? (r_v * n_u - r_u * n_v) / s : 0.0;
-        angle = across / (along + kappa * (of_r + (slope - of_r) * t * t));
-        if (fabs(angle) <= 1e-13) {
-            for (i = 0; i < 3; i++) r[i] = r_u * u[i] + r_v * v[i];
+        angle = angle < -0.5 ? -0.5 : angle > 0.5 ? 0.5 : angle;
+        turned = n_u - angle * n_v, n_v = n_v + angle * n_u;
+        size = 1.0 / sqrt(turned * turned + n_v * n_v);
+        n_u = turned * size, n_v *= size;
+        if (fabs(angle) <= 1e-8) {
+            /* The next angle would be about the square of this one. */
+            for (i = 0; i < 3; i++) r[i] = (h_u - kappa * n_u) * u[i] + (h_v - kappa * n_v) * v[i];
+            *chord = of_r - (*slope - of_r) * kappa * angle * t * inverse;
             return fmax(along / kappa, 1e-13);
         }
-        angle = fmin(fmax(angle, -0.5), 0.5);
-        t = n_u - angle * n_v, n_v = n_v + angle * n_u, n_u = t;
-        size = sqrt(n_u * n_u + n_v * n_v);
-        n_u /= size, n_v /= size;
     }
-    for (i = 0; i < 3; i++) r[i] = h[i] - kappa * u[i];
-    return fieldmap_cell_bounded(of, piece, h, j, kappa, r);
+    for (i = 0; i < 3; i++) {
+        r[i] = h[i] - kappa * u[i];
+        j[i] = p[3] * p[i];
+    }
+    mu = fieldmap_cell_bounded(of, piece, h, j, kappa, r);
+    *chord = fieldmap_iron_chord(of, piece, fieldmap_norm(r), slope);
+    return mu;
 }
 
 /* Polarisation j[3] of `cells` cells in the field h. shares: their weights, with the sum 1. before, after: what they remember,
@@ -173,16 +181,13 @@ static inline void fieldmap_cells_respond(const fieldmap_iron_curve *of, int *pi
     for (i = 0; i < 3; i++) j[i] = 0.0;
     for (i = 0; i < 6 && susceptible != NULL; i++) susceptible[i] = 0.0;
     for (k = 0; k < cells; k++) {
-        double r[3], e[3], n[3], part[6], slope = 0.0, chord = before[4 * k + 3], s = 0.0, across, along, push, dot;
-        const double mu = fieldmap_cell_moved(of, piece, h, before + 4 * k, pinning[k], r);
-        if (mu > 0.0) {
-            s = fieldmap_norm(r);
-            chord = fieldmap_iron_chord(of, piece, s, &slope);
-        }
+        double r[3], e[3], n[3], part[6], slope, chord, s, across, along, push, dot;
+        const double mu = fieldmap_cell_moved(of, piece, h, before + 4 * k, pinning[k], r, &chord, &slope);
         for (i = 0; i < 3; i++) j[i] += shares[k] * chord * r[i];
         for (i = 0; i < 3 && after != NULL; i++) after[4 * k + i] = r[i];
         if (after != NULL) after[4 * k + 3] = chord;
         if (mu == 0.0 || susceptible == NULL) continue;
+        s = fieldmap_norm(r);
         for (i = 0; i < 3; i++) e[i] = s > 1e-30 ? r[i] / s : 0.0;
         across = chord, along = slope - chord;
         if (mu < (double)INFINITY) {
