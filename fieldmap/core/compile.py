@@ -25,7 +25,7 @@ COMPILER = "ziglang==0.17.1"
 """Requirement of an installation without CC."""
 # Products and sums are fused within an expression only, so that a point has the same bits alone and among others; and
 # mathematical functions set no error numbers. Nothing else changes results.
-_OPTIONS = ("-std=c99", "-O3", "-ffp-contract=on", "-fno-math-errno", "-fvisibility=hidden", "-shared")
+_OPTIONS = ("-std=c99", "-O3", "-ffp-contract=on", "-fno-math-errno", "-fno-trapping-math", "-fvisibility=hidden", "-shared")
 # By machine: processors for which a library is compiled, from the one that any has to the newest.
 _PROCESSORS = {"x86_64": ("x86-64-v2", "x86-64-v3", "x86-64-v4")}
 _MACHINES = {"AMD64": "x86_64", "x86-64": "x86_64", "arm64": "aarch64"}

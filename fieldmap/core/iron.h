@@ -191,7 +191,7 @@ static inline size_t fieldmap_iron_lay_out(const fieldmap_iron *map, fieldmap_ir
     s->total = (float *)fieldmap_iron_place(memory, &used, (size_t)fieldmap_iron_tiles(map->r) * w, f);
     s->sides = (float *)fieldmap_iron_place(memory, &used, (size_t)fieldmap_iron_tiles(map->n_coils) * w, f);
     s->rows = (float *)fieldmap_iron_place(memory, &used, 3 * FIELDMAP_IRON_POINTS * w, f);
-    s->piece = (int *)fieldmap_iron_place(memory, &used, p, sizeof(int));
+    s->piece = (int *)fieldmap_iron_place(memory, &used, p * (size_t)(map->n_cells > 0 ? map->n_cells : 1), sizeof(int));
     return used;
 }
 
@@ -206,7 +206,8 @@ static inline size_t fieldmap_iron_memory(const fieldmap_iron *map)
 static inline int fieldmap_iron_start(
     fieldmap_iron_state *state, const fieldmap_iron *map, void *memory, size_t size)
 {
-    int i;
+    const int pieces = map != NULL && map->n_cells > 0 ? map->n_cells : 1;
+    int i, k;
     if (state == NULL || map == NULL || map->p == 0 || memory == NULL) return FIELDMAP_ARGUMENT;
     if ((uintptr_t)memory % 64 != 0 || size < fieldmap_iron_memory(map)) return FIELDMAP_IRON_MEMORY;
     memset(state, 0, sizeof *state);
@@ -215,7 +216,8 @@ static inline int fieldmap_iron_start(
     state->map = map;
     state->tolerance = map->tolerance;
     state->checked = map->checked;
-    for (i = 0; i < map->p; i++) state->piece[i] = (int)map->offset[(int)map->law[i]];
+    for (i = 0; i < map->p; i++)
+        for (k = 0; k < pieces; k++) state->piece[(size_t)i * (size_t)pieces + (size_t)k] = (int)map->offset[(int)map->law[i]];
     return FIELDMAP_OK;
 }
 
@@ -326,34 +328,40 @@ static inline const double *fieldmap_iron_pinning(const fieldmap_iron *map, int 
     return map->n_cells > 0 && pinning[map->n_cells - 1] > 0.0 ? pinning : NULL;
 }
 
-/* As fieldmap_iron_polarise, with these pinning fields of the cells. */
-static inline void fieldmap_iron_polarise_cells(const fieldmap_iron *map, const fieldmap_iron_state *s, int p,
-    const double *pinning, const double *h, double *j, double *susceptible)
+/* Fill j[3 count] = w J at h of `count` points from `first` on, where w are their weights; susceptible: w dJ/dh (6 entries each),
+ * or NULL. after: what the cells would remember, or NULL. */
+static inline void fieldmap_iron_polarise(const fieldmap_iron *map, const fieldmap_iron_state *s, int first, int count,
+    const double *h, double *j, double *susceptible, double *after)
 {
-    const fieldmap_iron_curve of = fieldmap_iron_curve_of(map, p);
-    int i;
-    fieldmap_cells_respond(&of, s->piece + p, map->n_cells, pinning, map->shares, h,
-        s->cells + 4 * (size_t)p * (size_t)map->n_cells, j, NULL, susceptible);
-    for (i = 0; i < 3; i++) j[i] *= map->weights[p];
-    for (i = 0; i < 6 && susceptible != NULL; i++) susceptible[i] *= map->weights[p];
+    const int cells = map->n_cells;
+    fieldmap_cell_lanes moving;
+    int n, i;
+    moving.count = 0;
+    for (n = 0; n < count; n++, h += 3, j += 3) {
+        const int p = first + n;
+        const fieldmap_iron_curve of = fieldmap_iron_curve_of(map, p);
+        const double *pinning = fieldmap_iron_pinning(map, p);
+        double *derivative = susceptible == NULL ? NULL : susceptible + 6 * n;
+        int *piece = s->piece + (size_t)p * (size_t)(cells > 0 ? cells : 1);
+        if (pinning == NULL) {
+            const double size = fieldmap_norm(h) + 1e-14;
+            double slope, chord = fieldmap_iron_law(&of, piece, size, &slope) / size, share = map->weights[p] * (chord - 1.0);
+            for (i = 0; i < 3; i++) j[i] = share * h[i];
+            if (derivative != NULL)
+                fieldmap_symmetric(share, map->weights[p] * (slope - chord) / (size * size), h, derivative);
+        } else {
+            const size_t at = 4 * (size_t)p * (size_t)cells;
+            fieldmap_cells_add(&moving, &of, piece, cells, pinning, map->shares, map->weights[p], h, s->cells + at, j,
+                after == NULL ? NULL : after + at, derivative);
+        }
+    }
+    fieldmap_cells_finish(&moving);
 }
 
-/* j[3] = w J at h, where w is the weight of point p; susceptible: w dJ/dh (6 entries), or NULL. */
-FIELDMAP_INLINE void fieldmap_iron_polarise(
-    const fieldmap_iron *map, const fieldmap_iron_state *s, int p, const double *h, double *j, double *susceptible)
+/* Points from `first` on that are taken together, so that their rows stay in the cache. */
+static inline int fieldmap_iron_some(const fieldmap_iron *map, int first)
 {
-    const double *pinning = fieldmap_iron_pinning(map, p);
-    if (pinning == NULL) {
-        const fieldmap_iron_curve of = fieldmap_iron_curve_of(map, p);
-        const double size = fieldmap_norm(h) + 1e-14;
-        double slope, chord = fieldmap_iron_law(&of, s->piece + p, size, &slope) / size, share = map->weights[p] * (chord - 1.0);
-        int i;
-        for (i = 0; i < 3; i++) j[i] = share * h[i];
-        if (susceptible != NULL)
-            fieldmap_symmetric(share, map->weights[p] * (slope - chord) / (size * size), h, susceptible);
-    } else {
-        fieldmap_iron_polarise_cells(map, s, p, pinning, h, j, susceptible);
-    }
+    return map->p - first < FIELDMAP_IRON_POINTS ? map->p - first : FIELDMAP_IRON_POINTS;
 }
 
 /* Fill h at amplitudes a (padded with zeros to `wide` numbers), with sums in double precision. */
@@ -371,12 +379,14 @@ static inline void fieldmap_iron_evaluate(const fieldmap_iron *map, fieldmap_iro
     double *residual = s->residual;
     int i, j, p;
     for (j = 0; j < w; j++) residual[j] = 0.0;
-    for (p = 0; p < map->p; p++) {
+    for (p = 0; p < map->p; p += FIELDMAP_IRON_POINTS) {
+        const int rows = 3 * fieldmap_iron_some(map, p);
         const float *g = map->gradients + 3 * (size_t)p * (size_t)w;
         double *h = s->h + 3 * (size_t)p, *v = s->vector + 3 * (size_t)p;
-        for (i = 0; i < 3; i++) h[i] = s->applied[3 * p + i] - fieldmap_iron_mixed_dot(g + i * w, a, w);
-        fieldmap_iron_polarise(map, s, p, h, v, NULL);
-        for (j = 0; j < w; j++) residual[j] += v[0] * (double)g[j] + v[1] * (double)g[w + j] + v[2] * (double)g[2 * w + j];
+        for (i = 0; i < rows; i++) h[i] = s->applied[3 * p + i] - fieldmap_iron_mixed_dot(g + i * w, a, w);
+        fieldmap_iron_polarise(map, s, p, rows / 3, h, v, NULL, NULL);
+        for (i = 0; i < rows; i += 3, g += 3 * w, v += 3)
+            for (j = 0; j < w; j++) residual[j] += v[0] * (double)g[j] + v[1] * (double)g[w + j] + v[2] * (double)g[2 * w + j];
     }
     for (i = 0; i < r; i++)
         s->residual[i] += map->constant[i] - fieldmap_iron_product(map->air + (size_t)i * (size_t)r, a, r);
@@ -411,25 +421,29 @@ static inline void fieldmap_iron_pass(const fieldmap_iron *map, fieldmap_iron_st
     int i, j, p;
     *before = *behind = 0.0;
     for (j = 0; j < w; j++) s->single[j] = 0.0f, s->material[j] = 0.0;
-    for (p = 0; p < map->p; p++) {
+    for (p = 0; p < map->p; p += FIELDMAP_IRON_POINTS) {
+        const int rows = 3 * fieldmap_iron_some(map, p);
         const float *g = map->gradients + 3 * (size_t)p * (size_t)w;
-        const size_t at = 3 * (size_t)p;
-        double h[3];
+        double h[3 * FIELDMAP_IRON_POINTS], *step_h = s->step_h + 3 * p, *moved = s->moved + 3 * p;
+        const double *vector = s->vector + 3 * p;
         float d[3], step[3];
-        fieldmap_iron_dots(g, s->single_change, w, step);
-        for (i = 0; i < 3; i++) {
-            s->step_h[at + (size_t)i] = (double)step[i];
-            h[i] = s->h[at + (size_t)i] - s->step_h[at + (size_t)i];
+        for (i = 0; i < rows; i += 3) {
+            fieldmap_iron_dots(g + i * w, s->single_change, w, step);
+            for (j = 0; j < 3; j++) {
+                step_h[i + j] = (double)step[j];
+                h[i + j] = s->h[3 * p + i + j] - step_h[i + j];
+            }
         }
-        fieldmap_iron_polarise(map, s, p, h, s->moved + at, NULL);
-        for (i = 0; i < 3; i++) {
-            const size_t k = at + (size_t)i;
-            *before += s->vector[k] * s->step_h[k];
-            *behind += s->moved[k] * s->step_h[k];
-            d[i] = (float)(s->moved[k] - s->vector[k]);
+        fieldmap_iron_polarise(map, s, p, rows / 3, h, moved, NULL, NULL);
+        for (i = 0; i < rows; i += 3) {
+            for (j = 0; j < 3; j++) {
+                *before += vector[i + j] * step_h[i + j];
+                *behind += moved[i + j] * step_h[i + j];
+                d[j] = (float)(moved[i + j] - vector[i + j]);
+            }
+            fieldmap_iron_add_rows(g + i * w, w, d, s->single);
         }
-        fieldmap_iron_add_rows(g, w, d, s->single);
-        if (p % FIELDMAP_IRON_TOGETHER == FIELDMAP_IRON_TOGETHER - 1) fieldmap_iron_collect(s);
+        if (p % FIELDMAP_IRON_TOGETHER == FIELDMAP_IRON_TOGETHER - FIELDMAP_IRON_POINTS) fieldmap_iron_collect(s);
     }
     fieldmap_iron_collect(s);
 }
@@ -445,12 +459,12 @@ static inline double fieldmap_iron_shorter(
     for (attempt = 0; attempt < 11; attempt++) {
         double share = low_value / (low_value - high_value), value = 0.0;
         t = low + (high - low) * fmin(fmax(share, 0.1), 0.9);
-        for (p = 0; p < map->p; p++) {
-            const size_t at = 3 * (size_t)p;
-            double h[3];
-            for (i = 0; i < 3; i++) h[i] = s->h[at + (size_t)i] - t * s->step_h[at + (size_t)i];
-            fieldmap_iron_polarise(map, s, p, h, s->moved + at, NULL);
-            for (i = 0; i < 3; i++) value += s->moved[at + (size_t)i] * s->step_h[at + (size_t)i];
+        for (p = 0; p < map->p; p += FIELDMAP_IRON_POINTS) {
+            const int rows = 3 * fieldmap_iron_some(map, p);
+            double h[3 * FIELDMAP_IRON_POINTS], *moved = s->moved + 3 * p;
+            for (i = 0; i < rows; i++) h[i] = s->h[3 * p + i] - t * s->step_h[3 * p + i];
+            fieldmap_iron_polarise(map, s, p, rows / 3, h, moved, NULL, NULL);
+            for (i = 0; i < rows; i++) value += moved[i] * s->step_h[3 * p + i];
         }
         value -= rest + t * curved;
         if (fabs(value) < 0.1 * fabs(start)) break;
@@ -555,10 +569,8 @@ static inline void fieldmap_iron_factorise(const fieldmap_iron *map, fieldmap_ir
 static inline void fieldmap_iron_tangent(const fieldmap_iron *map, fieldmap_iron_state *s, int coils)
 {
     const int w = map->wide, r = map->r;
-    double polarisation[3];
     int i, j, k, p, first;
-    for (p = 0; p < map->p; p++)
-        fieldmap_iron_polarise(map, s, p, s->h + 3 * (size_t)p, polarisation, s->susceptible + 6 * (size_t)p);
+    fieldmap_iron_polarise(map, s, 0, map->p, s->h, s->moved, s->susceptible, NULL);
     for (j = 0; j < fieldmap_iron_tiles(r) * w; j++) s->total[j] = 0.0f;
     for (j = 0; j < fieldmap_iron_tiles(coils) * w; j++) s->sides[j] = 0.0f;
     for (first = 0; first < map->p; first += FIELDMAP_IRON_POINTS) {
@@ -890,18 +902,10 @@ static inline int fieldmap_iron_follow(fieldmap_iron_state *state, const double 
 static inline void fieldmap_iron_advance(fieldmap_iron_state *s)
 {
     const fieldmap_iron *map = s->map;
-    double polarisation[3];
-    int i, p;
+    int i;
     for (i = 0; i < map->wide; i++) s->rest[i] = i < map->r ? s->amplitudes[(FIELDMAP_IRON_PASSED - 1) * map->r + i] : 0.0;
     fieldmap_iron_field_at(map, s, s->rest);
-    for (p = 0; p < map->p; p++) {
-        const fieldmap_iron_curve of = fieldmap_iron_curve_of(map, p);
-        const double *pinning = fieldmap_iron_pinning(map, p);
-        double *cells = s->cells + 4 * (size_t)p * (size_t)map->n_cells;
-        if (pinning != NULL)
-            fieldmap_cells_respond(&of, s->piece + p, map->n_cells, pinning, map->shares, s->h + 3 * (size_t)p, cells, polarisation,
-                cells, NULL);
-    }
+    fieldmap_iron_polarise(map, s, 0, map->p, s->h, s->moved, NULL, s->cells);
 }
 
 /* Go straight from the currents of the last step to currents[n_coils]; then the cells remember the state. */

@@ -9,7 +9,7 @@
 
 #include <math.h>
 
-enum { FIELDMAP_CELL_TURNS = 12, FIELDMAP_CELL_STEPS = 60 };
+enum { FIELDMAP_CELL_TURNS = 12, FIELDMAP_CELL_STEPS = 60, FIELDMAP_CELL_LANES = 8 };
 
 /* The anhysteretic law b(h) of one material: cubics that begin at knots[low..high], in ascending order. The last one is a
  * straight line. piece of the functions below keeps the interval of the knots for the next call. */
@@ -18,28 +18,32 @@ typedef struct fieldmap_iron_curve {
     int low, high;
 } fieldmap_iron_curve;
 
+/* Move piece to the interval of the knots in which h >= 0 lies. */
+static inline void fieldmap_iron_find(const fieldmap_iron_curve *of, int *piece, double h)
+{
+    const double *knots = of->knots;
+    int j = *piece, above = of->high;
+    if (knots[j] <= h && (j == of->high || h < knots[j + 1])) return;
+    j = of->low;
+    while (above - j > 1) {
+        int middle = (j + above) / 2;
+        if (knots[middle] <= h)
+            j = middle;
+        else
+            above = middle;
+    }
+    *piece = h >= knots[of->high] ? of->high : j;
+}
+
 /* b at field strength h >= 0; slope: db/dh. */
 static inline double fieldmap_iron_law(const fieldmap_iron_curve *of, int *piece, double h, double *slope)
 {
-    const double *knots = of->knots, *c;
+    const double *c;
     double t, c0, c1;
-    int j = *piece;
-    if (!(knots[j] <= h && (j == of->high || h < knots[j + 1]))) {
-        int above = of->high;
-        j = of->low;
-        while (above - j > 1) {
-            int middle = (j + above) / 2;
-            if (knots[middle] <= h)
-                j = middle;
-            else
-                above = middle;
-        }
-        if (h >= knots[of->high]) j = of->high;
-        *piece = j;
-    }
-    t = h - knots[j];
-    c = of->coefficients + 4 * (size_t)j;
-    c0 = j == of->high ? 0.0 : c[0], c1 = j == of->high ? 0.0 : c[1];
+    fieldmap_iron_find(of, piece, h);
+    t = h - of->knots[*piece];
+    c = of->coefficients + 4 * (size_t)*piece;
+    c0 = *piece == of->high ? 0.0 : c[0], c1 = *piece == of->high ? 0.0 : c[1];
     *slope = (3.0 * c0 * t + 2.0 * c1) * t + c[2];
     return ((c0 * t + c1) * t + c[2]) * t + c[3];
 }
@@ -120,88 +124,165 @@ static inline double fieldmap_cell_bounded(
     return mu;
 }
 
-/* Fill the reversible field r[3] of a cell in the field h, from the remembered p[4], and J / |r| and dJ / d|r| there. Returns mu
- * of (2): 0 where the cell stays, infinity without pinning. A cell remembers its field and the ratio of its polarisation to it. r
- * lies on the circle of radius kappa about h, in the plane of h and p. Newton's method turns the direction n of h - r, which
- * begins straight towards h, until J(r) - J(p) points along it. slope is not filled where the cell stays. */
-static inline double fieldmap_cell_moved(const fieldmap_iron_curve *of, int *piece, const double *h, const double *p, double kappa,
-    double *r, double *chord, double *slope)
+/* Cells that move to a new reversible field r, one in each lane. A cell remembers its field p and the ratio of its polarisation
+ * to it. r lies on the circle of radius kappa about h, in the plane of h and p. Its axes are u, the direction from p to h, which
+ * are `away` from each other, and v. n: direction of h - r. mu: of (2), 0 as long as it is not found; chord, slope: J / |r| and
+ * dJ / d|r|. The other numbers are those of fieldmap_cells_add. */
+typedef struct fieldmap_cell_lanes {
+    int count, piece[FIELDMAP_CELL_LANES], *known[FIELDMAP_CELL_LANES];
+    double h_u[FIELDMAP_CELL_LANES], h_v[FIELDMAP_CELL_LANES], away[FIELDMAP_CELL_LANES], kappa[FIELDMAP_CELL_LANES];
+    double ratio[FIELDMAP_CELL_LANES], n_u[FIELDMAP_CELL_LANES], n_v[FIELDMAP_CELL_LANES], mu[FIELDMAP_CELL_LANES];
+    double chord[FIELDMAP_CELL_LANES], slope[FIELDMAP_CELL_LANES], u[FIELDMAP_CELL_LANES][3], v[FIELDMAP_CELL_LANES][3];
+    double share[FIELDMAP_CELL_LANES], *j[FIELDMAP_CELL_LANES], *after[FIELDMAP_CELL_LANES], *susceptible[FIELDMAP_CELL_LANES];
+    const double *h[FIELDMAP_CELL_LANES], *before[FIELDMAP_CELL_LANES];
+    fieldmap_iron_curve of[FIELDMAP_CELL_LANES];
+} fieldmap_cell_lanes;
+
+/* Turn n, which begins at u, by Newton's method until J(r) - J(p) points along it. Lanes beyond count repeat the first one. A lane
+ * that is found does not change any more, so that no cell depends on its neighbours. mu stays 0 where the method fails. */
+static inline void fieldmap_cells_turn(fieldmap_cell_lanes *s)
 {
-    double u[3], v[3], j[3], away, mu, h_u, h_v, n_u = 1.0, n_v = 0.0;
+    double open[FIELDMAP_CELL_LANES], left;
     int i, k;
-    for (i = 0; i < 3; i++) r[i] = kappa == 0.0 ? h[i] : p[i];
-    *chord = p[3];
-    if (kappa == 0.0) {
-        *chord = fieldmap_iron_chord(of, piece, fieldmap_norm(r), slope);
-        return (double)INFINITY;
+    for (i = 0; i < FIELDMAP_CELL_LANES; i++) {
+        const int from = i < s->count ? i : 0;
+        s->h_u[i] = s->h_u[from], s->h_v[i] = s->h_v[from], s->away[i] = s->away[from], s->kappa[i] = s->kappa[from];
+        s->ratio[i] = s->ratio[from], s->of[i] = s->of[from], s->piece[i] = s->piece[from];
+        s->n_u[i] = open[i] = 1.0, s->n_v[i] = s->mu[i] = s->chord[i] = s->slope[i] = 0.0;
     }
-    for (i = 0; i < 3; i++) u[i] = h[i] - p[i];
-    away = fieldmap_norm(u);
-    if (away <= kappa) return 0.0;
-    /* u: unit vector from p to h; v: across, in the plane of both. */
-    for (i = 0; i < 3; i++) u[i] /= away;
-    h_u = h[0] * u[0] + h[1] * u[1] + h[2] * u[2];
-    for (i = 0; i < 3; i++) v[i] = h[i] - h_u * u[i];
-    h_v = fieldmap_norm(v);
-    for (i = 0; i < 3; i++) v[i] = h_v > 0.0 ? v[i] / h_v : 0.0;
-    for (k = 0; k < FIELDMAP_CELL_TURNS; k++) {
-        const double r_u = h_u - kappa * n_u, r_v = h_v - kappa * n_v, s = sqrt(r_u * r_u + r_v * r_v);
-        const double of_r = fieldmap_iron_chord(of, piece, s, slope), inverse = s > 1e-30 ? 1.0 / s : 0.0;
-        const double g_u = of_r * r_u - p[3] * (h_u - away), g_v = of_r * r_v - p[3] * h_v;
-        const double along = g_u * n_u + g_v * n_v, t = (r_v * n_u - r_u * n_v) * inverse;
-        double angle = (g_v * n_u - g_u * n_v) / (along + kappa * (of_r + (*slope - of_r) * t * t)), turned, size;
-        if (along <= 0.0) break;
-        angle = angle < -0.5 ? -0.5 : angle > 0.5 ? 0.5 : angle;
-        turned = n_u - angle * n_v, n_v = n_v + angle * n_u;
-        size = 1.0 / sqrt(turned * turned + n_v * n_v);
-        n_u = turned * size, n_v *= size;
-        if (fabs(angle) <= 1e-8) {
-            /* The next angle would be about the square of this one. */
-            for (i = 0; i < 3; i++) r[i] = (h_u - kappa * n_u) * u[i] + (h_v - kappa * n_v) * v[i];
-            *chord = of_r - (*slope - of_r) * kappa * angle * t * inverse;
-            return fmax(along / kappa, 1e-13);
+    for (k = 0, left = 1.0; k < FIELDMAP_CELL_TURNS && left > 0.0; k++) {
+        double size[FIELDMAP_CELL_LANES], t[FIELDMAP_CELL_LANES], c[4][FIELDMAP_CELL_LANES];
+        for (i = 0; i < FIELDMAP_CELL_LANES; i++) {
+            const double r_u = s->h_u[i] - s->kappa[i] * s->n_u[i], r_v = s->h_v[i] - s->kappa[i] * s->n_v[i];
+            size[i] = sqrt(r_u * r_u + r_v * r_v);
+        }
+        for (i = 0; i < FIELDMAP_CELL_LANES; i++) {
+            const fieldmap_iron_curve *of = s->of + i;
+            const double *row;
+            fieldmap_iron_find(of, s->piece + i, size[i]);
+            row = of->coefficients + 4 * (size_t)s->piece[i];
+            t[i] = size[i] - of->knots[s->piece[i]];
+            c[0][i] = s->piece[i] == of->high ? 0.0 : row[0], c[1][i] = s->piece[i] == of->high ? 0.0 : row[1];
+            c[2][i] = row[2] - 1.0, c[3][i] = row[3];
+        }
+        left = 0.0;
+        for (i = 0; i < FIELDMAP_CELL_LANES; i++) {
+            const double kappa = s->kappa[i], n_u = s->n_u[i], n_v = s->n_v[i];
+            const double r_u = s->h_u[i] - kappa * n_u, r_v = s->h_v[i] - kappa * n_v;
+            const double inverse = 1.0 / (size[i] > 1e-30 ? size[i] : 1e-30);
+            const double slope = (3.0 * c[0][i] * t[i] + 2.0 * c[1][i]) * t[i] + c[2][i];
+            const double j = ((c[0][i] * t[i] + c[1][i]) * t[i] + c[2][i]) * t[i] + c[3][i] - (size[i] - t[i]);
+            const double ratio = j * inverse, chord = size[i] > 1e-30 ? ratio : slope;
+            const double g_u = chord * r_u - s->ratio[i] * (s->h_u[i] - s->away[i]), g_v = chord * r_v - s->ratio[i] * s->h_v[i];
+            const double along = g_u * n_u + g_v * n_v, across = (r_v * n_u - r_u * n_v) * inverse;
+            const double turn = (g_v * n_u - g_u * n_v) / (along + kappa * (chord + (slope - chord) * across * across));
+            const double least = turn < -0.5 ? -0.5 : turn, angle = least > 0.5 ? 0.5 : least;
+            const double x = n_u - angle * n_v, y = n_v + angle * n_u, scale = 1.0 / sqrt(x * x + y * y);
+            const double turned_u = x * scale, turned_v = y * scale, push = along / kappa, mu = push > 1e-13 ? push : 1e-13;
+            const double behind = chord - (slope - chord) * kappa * angle * across * inverse;
+            const double was = open[i], going = along > 0.0 ? was : 0.0;
+            /* The angle behind a small one is about its square. */
+            const double found = fabs(angle) <= 1e-8 ? going : 0.0;
+            const double last_mu = s->mu[i], last_chord = s->chord[i], last_slope = s->slope[i];
+            s->n_u[i] = going > 0.0 ? turned_u : n_u, s->n_v[i] = going > 0.0 ? turned_v : n_v;
+            s->mu[i] = found > 0.0 ? mu : last_mu;
+            s->chord[i] = found > 0.0 ? behind : last_chord;
+            s->slope[i] = found > 0.0 ? slope : last_slope;
+            open[i] = going - found;
+            left += open[i];
         }
     }
-    for (i = 0; i < 3; i++) {
-        r[i] = h[i] - kappa * u[i];
-        j[i] = p[3] * p[i];
-    }
-    mu = fieldmap_cell_bounded(of, piece, h, j, kappa, r);
-    *chord = fieldmap_iron_chord(of, piece, fieldmap_norm(r), slope);
-    return mu;
 }
 
-/* Polarisation j[3] of `cells` cells in the field h. shares: their weights, with the sum 1. before, after: what they remember,
- * and would (4 numbers each, as of fieldmap_cell_moved); susceptible: dJ/dh, entries xx, xy, xz, yy, yz, zz. after and
- * susceptible may be NULL. Equations (1) and (4). */
-static inline void fieldmap_cells_respond(const fieldmap_iron_curve *of, int *piece, int cells, const double *pinning,
-    const double *shares, const double *h, const double *before, double *j, double *after, double *susceptible)
+/* Add a cell with the reversible field r and mu of (2) to j[3] and, unless they are NULL, to what cells remember and to dJ/dh. */
+static inline void fieldmap_cell_moved(double share, const double *h, const double *r, double kappa, double mu, double chord,
+    double slope, double *j, double *after, double *susceptible)
+{
+    double e[3], n[3], part[6], across = chord, along = slope - chord;
+    int i;
+    for (i = 0; i < 3; i++) j[i] += share * chord * r[i];
+    for (i = 0; i < 3 && after != NULL; i++) after[i] = r[i];
+    if (after != NULL) after[3] = chord;
+    if (susceptible == NULL) return;
+    {
+        const double s = fieldmap_norm(r);
+        for (i = 0; i < 3; i++) e[i] = s > 1e-30 ? r[i] / s : 0.0;
+    }
+    if (kappa > 0.0) {
+        const double c = chord / (chord + mu), difference = slope / (slope + mu) - c;
+        double push, dot;
+        across = mu * c, along = mu * difference;
+        for (i = 0; i < 3; i++) n[i] = (h[i] - r[i]) / kappa;
+        dot = n[0] * e[0] + n[1] * e[1] + n[2] * e[2];
+        push = 1.0 / ((1.0 - dot * dot) / (chord + mu) + dot * dot / (slope + mu));
+        for (i = 0; i < 3; i++) n[i] = c * n[i] + difference * dot * e[i];
+        fieldmap_symmetric(0.0, push, n, part);
+        for (i = 0; i < 6; i++) susceptible[i] += share * part[i];
+    }
+    fieldmap_symmetric(across, along, e, part);
+    for (i = 0; i < 6; i++) susceptible[i] += share * part[i];
+}
+
+/* Find and add the cells that wait in the lanes. */
+static inline void fieldmap_cells_finish(fieldmap_cell_lanes *s)
+{
+    int i, k;
+    if (s->count == 0) return;
+    fieldmap_cells_turn(s);
+    for (k = 0; k < s->count; k++) {
+        const double *h = s->h[k], *p = s->before[k], kappa = s->kappa[k];
+        double r[3], j[3];
+        for (i = 0; i < 3; i++)
+            r[i] = (s->h_u[k] - kappa * s->n_u[k]) * s->u[k][i] + (s->h_v[k] - kappa * s->n_v[k]) * s->v[k][i];
+        if (s->mu[k] == 0.0) {
+            for (i = 0; i < 3; i++) r[i] = h[i] - kappa * s->u[k][i], j[i] = p[3] * p[i];
+            s->mu[k] = fieldmap_cell_bounded(s->of + k, s->piece + k, h, j, kappa, r);
+            s->chord[k] = fieldmap_iron_chord(s->of + k, s->piece + k, fieldmap_norm(r), s->slope + k);
+        }
+        fieldmap_cell_moved(s->share[k], h, r, kappa, s->mu[k], s->chord[k], s->slope[k], s->j[k], s->after[k], s->susceptible[k]);
+        if (s->known[k] != NULL) *s->known[k] = s->piece[k];
+    }
+    s->count = 0;
+}
+
+/* Begin j[3], `weight` times the polarisation of `cells` cells in the field h, and fill it by fieldmap_cells_finish. shares: their
+ * weights, with the sum 1. before, after: what they remember, and would: 4 numbers each, reversible field and ratio of the
+ * polarisation to it. susceptible: weight dJ/dh, entries xx, xy, xz, yy, yz, zz. piece: for each cell. after, susceptible and
+ * piece may be NULL; after may be before. Equations (1) and (4). */
+static inline void fieldmap_cells_add(fieldmap_cell_lanes *moving, const fieldmap_iron_curve *of, int *piece, int cells,
+    const double *pinning, const double *shares, double weight, const double *h, const double *before, double *j, double *after,
+    double *susceptible)
 {
     int i, k;
     for (i = 0; i < 3; i++) j[i] = 0.0;
     for (i = 0; i < 6 && susceptible != NULL; i++) susceptible[i] = 0.0;
-    for (k = 0; k < cells; k++) {
-        double r[3], e[3], n[3], part[6], slope, chord, s, across, along, push, dot;
-        const double mu = fieldmap_cell_moved(of, piece, h, before + 4 * k, pinning[k], r, &chord, &slope);
-        for (i = 0; i < 3; i++) j[i] += shares[k] * chord * r[i];
-        for (i = 0; i < 3 && after != NULL; i++) after[4 * k + i] = r[i];
-        if (after != NULL) after[4 * k + 3] = chord;
-        if (mu == 0.0 || susceptible == NULL) continue;
-        s = fieldmap_norm(r);
-        for (i = 0; i < 3; i++) e[i] = s > 1e-30 ? r[i] / s : 0.0;
-        across = chord, along = slope - chord;
-        if (mu < (double)INFINITY) {
-            const double c = chord / (chord + mu), difference = slope / (slope + mu) - c;
-            across = mu * c, along = mu * difference;
-            for (i = 0; i < 3; i++) n[i] = (h[i] - r[i]) / pinning[k];
-            dot = n[0] * e[0] + n[1] * e[1] + n[2] * e[2];
-            push = 1.0 / ((1.0 - dot * dot) / (chord + mu) + dot * dot / (slope + mu));
-            for (i = 0; i < 3; i++) n[i] = c * n[i] + difference * dot * e[i];
-            fieldmap_symmetric(0.0, push, n, part);
-            for (i = 0; i < 6; i++) susceptible[i] += shares[k] * part[i];
+    for (k = 0; k < cells; k++, before += 4) {
+        const double share = weight * shares[k], kappa = pinning[k];
+        double *u = moving->u[moving->count], *v = moving->v[moving->count], away, height, *then = after == NULL ? NULL : after + 4 * k;
+        int at = piece == NULL ? of->low : piece[k], *lane = moving->piece + moving->count;
+        if (kappa == 0.0) {
+            double slope, chord = fieldmap_iron_chord(of, &at, fieldmap_norm(h), &slope);
+            fieldmap_cell_moved(share, h, h, 0.0, 0.0, chord, slope, j, then, susceptible);
+            if (piece != NULL) piece[k] = at;
+            continue;
         }
-        fieldmap_symmetric(across, along, e, part);
-        for (i = 0; i < 6; i++) susceptible[i] += shares[k] * part[i];
+        for (i = 0; i < 3; i++) u[i] = h[i] - before[i];
+        away = fieldmap_norm(u);
+        if (away <= kappa) {
+            for (i = 0; i < 3; i++) j[i] += share * before[3] * before[i];
+            for (i = 0; i < 4 && then != NULL; i++) then[i] = before[i];
+            continue;
+        }
+        for (i = 0; i < 3; i++) u[i] /= away;
+        height = h[0] * u[0] + h[1] * u[1] + h[2] * u[2];
+        for (i = 0; i < 3; i++) v[i] = h[i] - height * u[i];
+        moving->h_u[moving->count] = height, moving->h_v[moving->count] = height = fieldmap_norm(v);
+        for (i = 0; i < 3; i++) v[i] = height > 0.0 ? v[i] / height : 0.0;
+        moving->away[moving->count] = away, moving->kappa[moving->count] = kappa, moving->ratio[moving->count] = before[3];
+        moving->share[moving->count] = share, moving->h[moving->count] = h, moving->before[moving->count] = before;
+        moving->j[moving->count] = j, moving->after[moving->count] = then, moving->susceptible[moving->count] = susceptible;
+        moving->of[moving->count] = *of, *lane = at, moving->known[moving->count] = piece == NULL ? NULL : piece + k;
+        if (++moving->count == FIELDMAP_CELL_LANES) fieldmap_cells_finish(moving);
     }
 }
 
