@@ -46,7 +46,7 @@ def material(form, pinning):
         np.zeros((1, count, 3)),
         mu_0 * pinning.fields[None],
         pinning.weights,
-        np.zeros((count, 4, pinning.cells, 3)),
+        np.zeros((count, 4, pinning.cells, 4)),
     )
 
 
@@ -193,11 +193,11 @@ def test_cells_lose_their_pinning_field_times_their_way(form):
     cells = Pinning(50.0, cells=2)
     before = material(form, cells)
     volume, count = form.elements.volume, len(form.elements.volume)
-    there, back = np.zeros((count, 4, 2, 3)), np.zeros((count, 4, 2, 3))
-    there[:, :, 1, 0], back[:, :, 1, 0] = 0.01, -0.01
     j = STEEL.mu_r - 1
     polarised = j * 0.01 / (1 + j * 0.01 / STEEL.saturation)
-    up, down = replace(before, reversible=there), replace(before, reversible=back)
+    there, back = np.zeros((count, 4, 2, 4)), np.zeros((count, 4, 2, 4))
+    there[:, :, 1, ::3], back[:, :, 1, ::3] = (0.01, polarised / 0.01), (-0.01, polarised / 0.01)
+    up, down = replace(before, remembered=there), replace(before, remembered=back)
     # Half of the cells has no pinning field, the other twice the coercive field.
     lost = mu_0 * 100.0 * 0.5 * polarised * volume.sum()
     assert before.dissipated(up, volume) == pytest.approx(lost, rel=1e-6)
@@ -290,9 +290,10 @@ def test_what_the_iron_did_along_a_path_is_read_from_its_potentials(solver):
         found = solver.magnetised(begin, path, np.array([state.memory.potential for state in states]))
         for state, (polarisation, derivative) in zip(states, found, strict=True):
             of = state.memory.material
-            size = np.linalg.norm(of.reversible, axis=-1, keepdims=True)
+            reversible = of.remembered[..., :3]
+            size = np.linalg.norm(reversible, axis=-1, keepdims=True)
             # Froehlich: J = chi h Js / (Js + chi h), chi = 999.
             chord = 999.0 * 2.0 / (2.0 + 999.0 * size)
-            cells = (chord * of.reversible).reshape(len(polarisation), -1, 3)
+            cells = (chord * reversible).reshape(len(polarisation), -1, 3)
             np.testing.assert_allclose(polarisation, PINNING.weights @ cells, rtol=2e-3, atol=2e-4)
             assert derivative.shape == (len(polarisation), 6)
