@@ -73,6 +73,16 @@ static inline int fieldmap_iron_positions(const double *values, int count, int s
     return 1;
 }
 
+/* Whether points begin..end follow laws that the knots hold. */
+static inline int fieldmap_iron_laws_fit(const fieldmap_iron *map, int begin, int end)
+{
+    int i;
+    if (map->offset[0] != 0.0 || map->offset[map->n_laws] != (double)map->n_knots) return 0;
+    for (i = 0; i < map->n_laws; i++)
+        if (fieldmap_whole(map->offset[i], 0, map->n_knots - 1) < 0 || !(map->offset[i] < map->offset[i + 1])) return 0;
+    return fieldmap_iron_positions(map->law + begin, end - begin, 1, 0, map->n_laws - 1);
+}
+
 /* Take the arrays of the model, which follow its sizes, and check the numbers that are used as indices. */
 static inline int fieldmap_iron_arrays(fieldmap_iron *map, const double *at, uint64_t left)
 {
@@ -106,11 +116,7 @@ static inline int fieldmap_iron_arrays(fieldmap_iron *map, const double *at, uin
     map->gradients = (const float *)(const void *)numbers;
     numbers = fieldmap_iron_take(&at, &left, t * (uint64_t)map->wide / 2);
     map->expansion = (const float *)(const void *)numbers;
-    if (map->offset[0] != 0.0 || map->offset[map->n_laws] != (double)map->n_knots) return FIELDMAP_DAMAGED;
-    for (i = 0; i < map->n_laws; i++)
-        if (fieldmap_whole(map->offset[i], 0, map->n_knots - 1) < 0 || !(map->offset[i] < map->offset[i + 1]))
-            return FIELDMAP_DAMAGED;
-    if (!fieldmap_iron_positions(map->law, map->p, 1, 0, map->n_laws - 1)) return FIELDMAP_DAMAGED;
+    if (!fieldmap_iron_laws_fit(map, 0, map->p)) return FIELDMAP_DAMAGED;
     for (i = 0; i < map->n_terms; i++)
         if (fieldmap_whole(map->terms[3 * i], 0, i > 0 ? i - 1 : 0) < 0) return FIELDMAP_DAMAGED;
     if (!fieldmap_iron_positions(map->terms + 1, map->n_terms, 3, 0, map->n_signals - 1)) return FIELDMAP_DAMAGED;

@@ -5,6 +5,8 @@
 #ifndef FIELDMAP_PYTHON_IRON_H
 #define FIELDMAP_PYTHON_IRON_H
 
+#include <limits.h>
+
 #include "iron.h"
 #include "python_reader.h"
 
@@ -172,10 +174,47 @@ static PyObject *iron_continued(PyObject *self, PyObject *const *args, Py_ssize_
     return answer(&from, found);
 }
 
+/* cells_respond(begin, end, of, h, before, polarisation, after, susceptibility): rows begin..end of the last three; of, a
+ * PlayCells of fieldmap.core.play_cells, says what the arrays are. */
+static PyObject *cells_respond(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    reader from = arguments(args, given, 8);
+    const long begin = whole_of(&from, "begin"), end = whole_of(&from, "end");
+    reader of = part_of(&from, "of");
+    const number_array law = numbers_of(&of, "law", 1, ANY), offset = numbers_of(&of, "offset", 1, ANY);
+    const number_array knots = numbers_of(&of, "knots", 1, ANY), shares = numbers_of(&of, "shares", 1, ANY);
+    const npy_intp points = law.size, cells = shares.size, laws = offset.size - 1;
+    const double *coefficients = numbers_of(&of, "coefficients", 2, 4 * knots.size).at;
+    const double *pinning = numbers_of(&of, "pinning", 2, laws * cells).at;
+    const double *h = numbers_of(&from, "h", 2, 3 * points).at, *before = numbers_of(&from, "before", 3, 4 * points * cells).at;
+    double *j = filled_of(&from, "polarisation", 3 * points), *after = filled_or_none(&from, "after", 4 * points * cells);
+    double *susceptible = filled_or_none(&from, "susceptibility", 6 * points);
+    fieldmap_iron iron = {0};
+    npy_intp n;
+    (void)self;
+    require(0 <= begin && begin <= end && end <= points && points <= INT_MAX && laws >= 1, PyExc_TypeError,
+            "begin and end must be rows, of points that follow one of the laws");
+    if (PyErr_Occurred()) return answer(&from, NULL);
+    iron.p = (int)points, iron.n_laws = (int)laws, iron.n_knots = (int)knots.size;
+    iron.law = law.at, iron.offset = offset.at, iron.knots = knots.at, iron.coefficients = coefficients;
+    require(fieldmap_iron_laws_fit(&iron, (int)begin, (int)end), PyExc_ValueError, "a point follows no law");
+    if (PyErr_Occurred()) return answer(&from, NULL);
+    Py_BEGIN_ALLOW_THREADS
+    for (n = begin; n < end; n++) {
+        const fieldmap_iron_curve curve = fieldmap_iron_curve_of(&iron, (int)n);
+        int piece = curve.low;
+        fieldmap_cells_respond(&curve, &piece, (int)cells, pinning + (npy_intp)law.at[n] * cells, shares.at, h + 3 * n,
+            before + 4 * cells * n, j + 3 * n, after == NULL ? NULL : after + 4 * cells * n,
+            susceptible == NULL ? NULL : susceptible + 6 * n);
+    }
+    Py_END_ALLOW_THREADS
+    return nothing(&from);
+}
+
 #define IRON_FUNCTIONS \
     FUNCTION(iron_of_numbers), FUNCTION(iron_state), FUNCTION(iron_solve), FUNCTION(iron_solve_in), FUNCTION(iron_step), \
     FUNCTION(iron_remembered), FUNCTION(iron_recall), \
-    FUNCTION(iron_amplitudes), FUNCTION(iron_continued)
+    FUNCTION(iron_amplitudes), FUNCTION(iron_continued), FUNCTION(cells_respond)
 #define IRON_CONSTANTS \
     CONSTANT(OK), CONSTANT(NOT_FINITE), CONSTANT(IRON_BEYOND), CONSTANT(IRON_NOT_CONVERGED), CONSTANT(IRON_STEPS), \
     CONSTANT(IRON_LANES), CONSTANT(IRON_SIZES), CONSTANT(IRON_PASSED)

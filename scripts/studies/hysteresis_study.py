@@ -56,8 +56,8 @@ def run(solver: HysteresisSolver, history: str, table: Measured, protocol: Proto
     shift, count = 1e3 * found.shift(protocol.axis), len(table.signals)
     return {
         "table": table.table, "coercive_A_per_m": solver.pinning.coercive_field, "cells": solver.pinning.cells,
-        "history": history, "rule": protocol.rule, "h_mm": protocol.h, "faces": solver.surface_faces, "parts": parts,
-        "signals": table.signals.tolist(), "out_mm": shift[:count].tolist(),
+        "history": history, "rule": protocol.rule, "h_mm": protocol.h, "faces": len(solver.surface.areas),
+        "parts": parts, "signals": table.signals.tolist(), "out_mm": shift[:count].tolist(),
         "back_mm": shift[count - 1 :][::-1].tolist(),
         "start_mm": (1e3 * found.places[0]).tolist(), "levels_A": found.levels.tolist(),
         "seconds": time.process_time() - started,
@@ -122,7 +122,7 @@ def main() -> None:
     table = measured(options.axis, options.side, options.every)
     protocol = Protocol(options.axis, h=options.offset, rule=options.rule)
     base = HysteresisSolver(read_device(options.device), refinement=options.refinement)
-    print(f"{options.device}: {base.surface_faces} charged faces; level {protocol.level:.3f} A at the origin")
+    print(f"{options.device}: {len(base.surface.areas)} faces; level {protocol.level:.3f} A at the origin")
     runs = []
     for coercive in options.coercive:
         pinning = Pinning(coercive, options.cells)

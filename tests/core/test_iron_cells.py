@@ -8,8 +8,7 @@ import pytest
 
 from fieldmap.core.iron import FOUND, NOT_FINITE, CoreIron
 from fieldmap.core.iron_numbers import core_numbers
-from fieldmap.currents import CurrentDomain, IndependentCurrents
-from fieldmap.lookup.current_solver import compiled_domain, compiled_model
+from fieldmap.lookup.current_solver import compiled_model
 from tests.core.iron_cases import CASES, MODES, POINTS
 
 CELLS, EXACT = 4, 1e-12
@@ -96,44 +95,6 @@ def test_each_step_is_the_least_of_energy_and_friction():
         assert np.abs(left).max() < 1e-8 * np.abs(OF.air @ state.amplitudes).max()
         before = now
     assert moved > 100
-
-
-def test_every_one_of_many_cells_finds_its_place():
-    """Newton's method for the direction fails in some of these cells; then mu is searched between bounds."""
-    random, count = np.random.default_rng(9), 40_000
-    first = 10.0 ** random.uniform(-5.0, -1.5, (count, 1)) * random.standard_normal((count, 3))
-    # One part moves in any way, one turns back, and one moves little where it is saturated, which is the hard case.
-    second = 10.0 ** random.uniform(-4.0, -2.0, (count, 1)) * random.standard_normal((count, 3)) + first
-    second[::4] = 10.0 ** random.uniform(-5.0, -1.5, (count // 4, 1)) * random.standard_normal(
-        (count // 4, 3)
-    )
-    second[1::4] = -first[1::4] * random.uniform(0.2, 5.0, (count // 4, 1))
-    fields = np.array([first, second])
-    model = without_cells()._replace(
-        source=np.moveaxis(fields, 0, -1).reshape(-1, 2),
-        gradients=np.zeros((3 * count, 1)),
-        weights=np.ones(count),
-        law=np.zeros(count, np.int64),
-        air=np.ones((1, 1)),
-        constant=np.zeros(1),
-        output=np.zeros((0, 1)),
-        terms=np.zeros((1, 3), np.int64),
-        expansion=np.zeros((1, 1)),
-        domain=compiled_domain(CurrentDomain(IndependentCurrents(2), np.zeros(2), np.ones(2)), False),
-        pinning=PINNING,
-        shares=SHARES,
-    )
-    state, weights, cells = CoreIron(core_numbers(model)).state(), np.empty(2), []
-    for currents in np.eye(2):
-        assert state.step(currents, weights, tolerance=1e-6) == FOUND
-        cells.append(state.remembered[-4 * count * CELLS :].reshape(count, CELLS, 4)[..., :3])
-    kappa, drag = PINNING[0], fields[1][:, None] - cells[1]
-    change = polarisation(cells[1]) - polarisation(cells[0])
-    away = np.linalg.norm(drag, axis=2)
-    assert np.all(away <= kappa * (1.0 + 1e-9) + 1e-15)
-    # Where the polarisation changes the drag is that of the pinning, and along the change: J is a minimum of (1).
-    friction = kappa * np.linalg.norm(change, axis=2)
-    np.testing.assert_allclose(np.sum(drag * change, axis=2), friction, rtol=0.0, atol=1e-9 * friction.max())
 
 
 def test_without_pinning_it_is_the_iron_without_hysteresis():

@@ -46,7 +46,7 @@ def material(form, pinning):
         np.zeros((1, count, 3)),
         mu_0 * pinning.fields[None],
         pinning.weights,
-        np.zeros((count, 4, pinning.cells, 3)),
+        np.zeros((count, 4, pinning.cells, 4)),
     )
 
 
@@ -193,11 +193,11 @@ def test_cells_lose_their_pinning_field_times_their_way(form):
     cells = Pinning(50.0, cells=2)
     before = material(form, cells)
     volume, count = form.elements.volume, len(form.elements.volume)
-    there, back = np.zeros((count, 4, 2, 3)), np.zeros((count, 4, 2, 3))
-    there[:, :, 1, 0], back[:, :, 1, 0] = 0.01, -0.01
     j = STEEL.mu_r - 1
     polarised = j * 0.01 / (1 + j * 0.01 / STEEL.saturation)
-    up, down = replace(before, reversible=there), replace(before, reversible=back)
+    there, back = np.zeros((count, 4, 2, 4)), np.zeros((count, 4, 2, 4))
+    there[:, :, 1, ::3], back[:, :, 1, ::3] = (0.01, polarised / 0.01), (-0.01, polarised / 0.01)
+    up, down = replace(before, remembered=there), replace(before, remembered=back)
     # Half of the cells has no pinning field, the other twice the coercive field.
     lost = mu_0 * 100.0 * 0.5 * polarised * volume.sum()
     assert before.dissipated(up, volume) == pytest.approx(lost, rel=1e-6)
@@ -229,8 +229,14 @@ def test_materials_bring_their_own_coercive_fields(ball, solver):
             materials={"steel": hard, "soft": Froehlich("soft", 500.0, 1.5, 10.0)},
         )
     )
-    pinning = both.demagnetised.material.pinning
-    np.testing.assert_allclose(pinning.mean(axis=1), mu_0 * np.array([25e3, 10.0]))
+    iron = both.demagnetised.material
+    np.testing.assert_allclose(iron.pinning.mean(axis=1), mu_0 * np.array([25e3, 10.0]))
+    # In 0.2 T both are all but saturated, one at 2.0 T and one at 1.5 T; the cells of the hard one lag behind.
+    j = iron.polarisation(np.full((len(iron.law), 4, 3), 0.2 * DIRECTION), 0) @ DIRECTION
+    assert j[iron.law == 1] == pytest.approx(1.5 * 499 * 0.2 / (1.5 + 499 * 0.2), rel=1e-4)
+    lagging = 0.2 - mu_0 * Pinning(25e3).fields
+    behind = 999 * lagging / (1 + 999 * lagging / 2.0)
+    assert j[iron.law == 0] == pytest.approx(behind @ Pinning(25e3).weights, rel=2e-3)
 
 
 def test_where_newton_begins_leaves_no_trace(solver):
@@ -290,9 +296,10 @@ def test_what_the_iron_did_along_a_path_is_read_from_its_potentials(solver):
         found = solver.magnetised(begin, path, np.array([state.memory.potential for state in states]))
         for state, (polarisation, derivative) in zip(states, found, strict=True):
             of = state.memory.material
-            size = np.linalg.norm(of.reversible, axis=-1, keepdims=True)
+            reversible = of.remembered[..., :3]
+            size = np.linalg.norm(reversible, axis=-1, keepdims=True)
             # Froehlich: J = chi h Js / (Js + chi h), chi = 999.
             chord = 999.0 * 2.0 / (2.0 + 999.0 * size)
-            cells = (chord * of.reversible).reshape(len(polarisation), -1, 3)
+            cells = (chord * reversible).reshape(len(polarisation), -1, 3)
             np.testing.assert_allclose(polarisation, PINNING.weights @ cells, rtol=2e-3, atol=2e-4)
             assert derivative.shape == (len(polarisation), 6)

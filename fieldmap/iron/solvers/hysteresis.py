@@ -11,31 +11,28 @@ from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from fieldmap.arguments import check, check_count, check_not_negative
 from fieldmap.constants import MU0
+from fieldmap.core.play_cells import PlayCells
 from fieldmap.device.materials import SaturatingMaterial
 from fieldmap.device.model import Device
 from fieldmap.errors import NotConverged
 from fieldmap.field import Currents, coil_currents
-from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
+from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.elements.potential_form import ConvexForm, PotentialForm
-from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
-from fieldmap.iron.materials import materials_on, require_soft_bodies
-from fieldmap.iron.mesh.charged_faces import ChargedFaces
-from fieldmap.iron.mesh.mesh import generate_mesh
-from fieldmap.iron.operators.assembled import assemble
+from fieldmap.iron.geometry.checks import geometry_notes
+from fieldmap.iron.materials import materials_on
 from fieldmap.iron.report import report_of
 from fieldmap.iron.solution import PotentialSolution
 from fieldmap.iron.solvers.linear import check_arguments
+from fieldmap.iron.solvers.meshed_device import MeshedDevice
 from fieldmap.iron.solvers.nonlinear import StateImage
-from fieldmap.iron.solvers.reduced import GalerkinModel, project
-from fieldmap.kernels.iron import hysteresis as law_kernel
+from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.records import Record
-from fieldmap.threads import over_rows
 from fieldmap.typing import Array
 
 
@@ -43,13 +40,13 @@ from fieldmap.typing import Array
 class HysteresisMagnetisation(Magnetisation):
     """A `Magnetisation` of one source with hysteresis.
 
-    pinning (l, k): pinning fields of the k play cells in each law, T; weights (k,), their sum 1; reversible
-    (e, 4, k, 3): reversible field of the cells at the points of every element, T.
+    pinning (l, k): pinning fields of the k play cells in each law, T; weights (k,), their sum 1; remembered
+    (e, 4, k, 4): what the cells at the points of every element remember, as `fieldmap.core.play_cells` has it.
     """
 
     pinning: Array
     weights: Array
-    reversible: Array
+    remembered: Array
 
     _last: list[tuple[Array, Array, Array]] = field(default_factory=list, init=False, repr=False)
 
@@ -64,41 +61,34 @@ class HysteresisMagnetisation(Magnetisation):
     def _response(self, h: Array) -> tuple[Array, Array]:
         """Both; the last is kept, for residual, tangent and line search ask for the same field one after the other."""
         if not self._last or not np.array_equal(self._last[0][0], h):
-            polarisation, tangent = np.empty((h.size // 3, 3)), np.empty((h.size // 3, 6))
-            arguments = (*self._arguments(h), polarisation, tangent)
-            over_rows(law_kernel.respond, len(tangent), *arguments, work=40.0 * self.weights.size)
-            polarisation = polarisation.reshape(h.shape) + self.remanence[0][:, None]
-            self._last[:] = [(h, polarisation, tangent.reshape(*h.shape[:2], 6))]
+            tangent = np.empty((*h.shape[:2], 6))
+            polarisation = self._polarise(h, None, tangent) + self.remanence[0][:, None]
+            self._last[:] = [(h, polarisation, tangent)]
         return self._last[0][1:]
 
     def after(self, h: Array) -> HysteresisMagnetisation:
         """The same iron after the field h (e, 4, 3)."""
-        moved = np.empty_like(self.reversible)
-        cells = moved.reshape(-1, *moved.shape[2:])
-        arguments = (*self._arguments(h), cells)
-        over_rows(law_kernel.advance, len(cells), *arguments, work=20.0 * self.weights.size)
+        remembered = np.empty_like(self.remembered)
+        self._polarise(h, remembered, None)
         # The step is done; whoever keeps this memory does not need what was computed on the way.
         self._last.clear()
-        return replace(self, reversible=moved)
+        return replace(self, remembered=remembered)
 
     def dissipated(self, after: HysteresisMagnetisation, volume: Array) -> float:
         """Loss, T^2 m^3 (over mu0: J), on the path to a later state, for volumes (e,): pinning field times the distance
         by which the polarisation of every cell moved."""
-        way = np.linalg.norm(self._cells(after.reversible) - self._cells(self.reversible), axis=-1)
+        before, now = (of.remembered[..., 3:] * of.remembered[..., :3] for of in (self, after))
+        way = np.linalg.norm(now - before, axis=-1)
         return float(np.einsum("e,eqk,ek,k->", 0.25 * volume, way, self.pinning[self.law], self.weights))
 
-    def _cells(self, reversible: Array) -> Array:
-        """Polarisation (e, 4, k, 3) of every cell."""
-        size = np.linalg.norm(reversible, axis=-1)
-        law = np.broadcast_to(self.law[:, None, None], size.shape)
-        j = self.tables.flux_density(size, law)[0] - size
-        share = np.divide(j, size, out=np.zeros_like(j), where=size > 0.0)
-        return np.asarray(share[..., None] * reversible)
-
-    def _arguments(self, h: Array) -> tuple[Any, ...]:
-        points = np.ascontiguousarray(h.reshape(-1, 3))
-        reversible = self.reversible.reshape(len(points), -1, 3)
-        return points, reversible, self.pinning, self.weights, np.repeat(self.law, 4), self.tables.arrays
+    def _polarise(self, h: Array, after: Array | None, tangent: Array | None) -> Array:
+        """Polarisation (e, 4, 3) of the cells at h; fills what they remember after it, and its derivative."""
+        polarisation, (offset, knots, coefficients) = np.empty(h.shape), self.tables.arrays
+        law = np.repeat(self.law.astype(float), h.shape[1])
+        cells = PlayCells(law, offset.astype(float), knots, coefficients, self.pinning, self.weights)
+        before = self.remembered.reshape(len(law), -1, 4)
+        cells.respond(np.ascontiguousarray(h.reshape(-1, 3)), before, polarisation, after, tangent)
+        return polarisation
 
 
 class HysteresisForm(PotentialForm):
@@ -223,7 +213,7 @@ class HystereticState(PotentialSolution):
     parts: int = 1
 
 
-class HysteresisSolver:
+class HysteresisSolver(MeshedDevice):
     """A device with hysteresis, meshed and assembled once.
 
     Parameters
@@ -250,17 +240,14 @@ class HysteresisSolver:
             memory = state.memory
     """
 
+    _form_class, _many_solutions = HysteresisForm, False
+
     def __init__(self, device: Device, pinning: Pinning | None = None, refinement: float = 1.0) -> None:
-        self.device, self.pinning = device, pinning
-        require_soft_bodies(device)
         where, must_hold = f"device '{device.name}'", "a device without [background] for iron with hysteresis"
         remedy = "leave it out, or solve without"
         check(device.background is None, where, must_hold, "a background field", remedy)
-        check_geometry(device)
-        self._notes = geometry_notes(device)
-        self._mesh = generate_mesh(device, refinement, "auto")
-        self._form = HysteresisForm(assemble(self._mesh))
-        self._unit = self._form.elements.unit_fields(device.coils, self._mesh)
+        super().__init__(device, refinement, None, "auto")
+        self.pinning, self._notes = pinning, geometry_notes(device)
 
     def with_pinning(self, pinning: Pinning | None) -> HysteresisSolver:
         """The same device and mesh with other pinning.
@@ -299,44 +286,18 @@ class HysteresisSolver:
     @cached_property
     def demagnetised(self) -> IronMemory:
         """The iron without currents and without history."""
-        materials = materials_on(self.device, self._mesh)
-        law = self._mesh.body
+        materials, plain = materials_on(self.device, self._iron.mesh), self._material
         any_pinning = self.pinning or Pinning(0.0)
         without = np.zeros(any_pinning.cells)
         pinning = [self._pinnings[one.name].fields if one.saturates else without for one in materials]
-        remanence = np.array([material.remanence for material in materials])[law][None]
-        cells = MU0 * np.array(pinning), any_pinning.weights, np.zeros((len(law), 4, any_pinning.cells, 3))
-        material = HysteresisMagnetisation(law, law_tables(materials), remanence, *cells)
+        remembered = np.zeros((len(plain.law), 4, any_pinning.cells, 4))
+        cells = MU0 * np.array(pinning), any_pinning.weights, remembered
+        material = HysteresisMagnetisation(plain.law, plain.tables, plain.remanence, *cells)
         nothing, coils = np.zeros(self._form.elements.count), np.zeros(len(self.device.coils))
         return IronMemory(material, nothing, coils, nothing, coils)
 
     images: ClassVar[tuple[StateImage, ...]] = ()
     """Of a path no image is known without a solve."""
-
-    @property
-    def surface(self) -> ChargedFaces:
-        """The charged faces, whose densities are those of the states and of the modes of `project`."""
-        return self._form.iron.surface
-
-    @property
-    def surface_faces(self) -> int:
-        """Number of charged faces."""
-        return len(self.surface.areas)
-
-    def charge_density(self, potential: Array) -> Array:
-        """Charge per area of `surface`.
-
-        Parameters
-        ----------
-        potential
-            Nodal potentials (n, k).
-
-        Returns
-        -------
-        Array
-            (k, s), T.
-        """
-        return self._form.charge_density(potential)
 
     def energy_operator(self, memory: IronMemory) -> Callable[[Array], Array]:
         """The tangent at a state with its cells as they are, iron and air.
@@ -351,27 +312,12 @@ class HysteresisSolver:
         Callable[[Array], Array]
             A function of nodal potentials (n, k): symmetric and positive.
         """
-        tangent = self._form.tangent(
-            memory.potential, self._unit.combined(memory.currents[None]), memory.material
-        )
-        return lambda values: tangent @ values + self._form.exterior.apply(values)
+        return self._energy_operator(memory.currents, memory.potential, memory.material)
 
-    def project(self, basis: Array) -> GalerkinModel:
-        """The iron on a basis of nodal potentials, with its play cells.
-
-        Parameters
-        ----------
-        basis
-            Potentials (n, r), such as combinations of `HystereticState.memory.potential`.
-
-        Returns
-        -------
-        GalerkinModel
-            The reduced model.
-        """
-        material, air = self.demagnetised.material, self._form.exterior.apply(basis)
-        model = project(self._form, material, self._unit, None, basis, air)
-        return replace(model, pinning=material.pinning, shares=material.weights)
+    def project(self, basis: Array, air: Array | None = None) -> GalerkinModel:
+        """The iron on a basis of nodal potentials, with its play cells: as `NonlinearSolver.project`."""
+        material = self.demagnetised.material
+        return replace(super().project(basis, air), pinning=material.pinning, shares=material.weights)
 
     def magnetised(
         self, memory: IronMemory, currents: Array, potentials: Array
@@ -395,7 +341,7 @@ class HysteresisSolver:
         """
         material, elements = memory.material, self._form.elements
         for amperes, potential in zip(currents, potentials, strict=True):
-            field = self._unit.combined(amperes[None])
+            field = self.coil_field(amperes)
             h = elements.strength_at_points(potential[:, None], field, material)[0]
             polarisation = material.polarisation(h, 0) - material.remanence[0][:, None]
             yield polarisation.reshape(-1, 3), material.susceptibility(h).reshape(-1, 6)
@@ -459,14 +405,14 @@ class HysteresisSolver:
         return replace(second, **both)
 
     def _at(self, currents: Array, memory: IronMemory, residual: float, start: Array) -> HystereticState:
-        field = self._unit.combined(currents[None])
+        field = self.coil_field(currents)
         elements, before = self._form.elements, memory.material
         state = self._form.solve(before, field, residual, start[:, None])
         potential = state.potential[:, 0]
         h = elements.strength_at_points(state.potential, field, before)[0]
         polarisation, after = before.polarisation(h, 0), before.after(h)
         report, device = report_of(self._form, state.iron, {}, self.assumptions), self.device
-        about = (device.coils, currents, self._mesh, state.iron, np.ones(1), report, device.sections)
+        about = (device.coils, currents, self._iron.mesh, state.iron, np.ones(1), report, device.sections)
         changes = (potential - memory.potential, currents - memory.currents)
         now = IronMemory(after, potential, currents, *changes)
         loss = before.dissipated(after, elements.volume) / MU0

@@ -21,7 +21,6 @@ from fieldmap.device import read_device
 from fieldmap.device.model import Device
 from fieldmap.errors import InputError, NotConverged, Problem
 from fieldmap.field import Bounds, Currents, FieldOfStates, coil_currents
-from fieldmap.iron.elements.bh_law import law_tables
 from fieldmap.iron.elements.flux_form import FluxForm
 from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
 from fieldmap.iron.elements.potential_form import (
@@ -33,17 +32,15 @@ from fieldmap.iron.elements.potential_form import (
 )
 from fieldmap.iron.elements.state import PotentialField
 from fieldmap.iron.error import ErrorEstimate, estimate_error, workspace_surface
-from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
-from fieldmap.iron.materials import material_assumptions, materials_on, require_soft_bodies
+from fieldmap.iron.geometry.checks import geometry_notes
+from fieldmap.iron.materials import material_assumptions
 from fieldmap.iron.mesh.chamber import MeshSymmetry
-from fieldmap.iron.mesh.charged_faces import ChargedFaces
-from fieldmap.iron.mesh.mesh import checked_points, generate_mesh, refuse_inside
-from fieldmap.iron.operators.assembled import assemble
+from fieldmap.iron.mesh.mesh import checked_points, refuse_inside
 from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
 from fieldmap.iron.sensitivity.adjoint import IronProblem, Origin
 from fieldmap.iron.solution import NonlinearSolution
 from fieldmap.iron.solvers.linear import check_arguments
-from fieldmap.iron.solvers.reduced import GalerkinModel, project
+from fieldmap.iron.solvers.meshed_device import MeshedDevice
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.sources.inductance import bare_inductance
@@ -160,7 +157,7 @@ _TOLERANCE_OF_SLOPES = 1e-8
 _COARSER = 1.4
 
 
-class NonlinearSolver(FieldOfStates):
+class NonlinearSolver(MeshedDevice, FieldOfStates):
     """A device meshed and assembled once: a field that solves a state for each new set of currents.
 
     `at(currents)` is the state at these currents; it is solved once and kept. `field` and its derivatives, called
@@ -200,33 +197,12 @@ class NonlinearSolver(FieldOfStates):
         symmetry: str = "auto",
         tolerance: float = 1e-3,
     ) -> None:
-        device = read_device(device)
-        self.device, self.tolerance = device, tolerance
+        super().__init__(read_device(device), refinement, progress, symmetry)
+        self.tolerance = tolerance
         self._states: dict[bytes, NonlinearSolution] = {}
         self._last: NonlinearSolution | None = None
         self._progress, self._refinement, self._symmetry = progress, refinement, symmetry
-        require_soft_bodies(device)
-        stages = Stages(progress)
-        stages.next("checking the geometry", 0.0)
-        check_geometry(device)
-        stages.next("meshing the iron", 0.02)
-        mesh = generate_mesh(device, refinement, symmetry)
-        stages.next("mutual potentials of the faces", 0.08)
-        self._iron = assemble(mesh, many_solutions=True)
-        stages.next("air operator", 0.7)
-        self._form = PotentialForm(self._iron)
-        stages.next("field of the coils in the iron", 0.83)
-        self._unit = self._form.elements.unit_fields(device.coils, mesh)
-        stages.done("assembled")
-        self._seconds = stages.seconds
-        background = device.background
-        self._background: CoilField | None = None
-        if background is not None:
-            self._background = self._form.elements.coil_field(lambda x: background.field(x)[None])
-        materials = materials_on(device, mesh)
-        remanence = [material.remanence for material in materials]
-        self._material = Magnetisation(mesh.body, law_tables(materials), np.array(remanence)[mesh.body][None])
-        self._origin = Origin(device, linear=False)
+        self._origin = Origin(self.device, linear=False)
         self._problem = IronProblem(self._form, self._unit)
         self._origin.hold(self._problem)
 
@@ -398,11 +374,6 @@ class NonlinearSolver(FieldOfStates):
         return NonlinearSolution(*about, *iron, **around, origin=self._origin)
 
     @property
-    def surface(self) -> ChargedFaces:
-        """The charged faces, whose densities are those of the states and of the modes of `project`."""
-        return self._iron.surface
-
-    @property
     def unknowns(self) -> int:
         """Number of nodes."""
         return self._form.elements.count
@@ -413,39 +384,6 @@ class NonlinearSolver(FieldOfStates):
         from the symmetry of the mesh; with symmetry "none" the mesh has none."""
         magnets = bool(self._material.remanence.any()) or self.device.background is not None
         return state_images(self._iron.mesh.symmetry, self._form.elements, magnets)
-
-    def project(self, basis: Array, air: Array | None = None) -> GalerkinModel:
-        """The iron on a basis of nodal potentials.
-
-        Parameters
-        ----------
-        basis
-            Potentials (n, r), such as combinations of `NonlinearSolution.state.potential`.
-        air
-            The result of `air` for the basis, if it is known.
-
-        Returns
-        -------
-        GalerkinModel
-            The reduced model.
-        """
-        of_air = self.air(basis) if air is None else air
-        return project(self._form, self._material, self._unit, self._background, basis, of_air)
-
-    def air(self, potential: Array) -> Array:
-        """S phi: the linear share of the air in the residual.
-
-        Parameters
-        ----------
-        potential
-            Nodal potentials (n, k).
-
-        Returns
-        -------
-        Array
-            (n, k).
-        """
-        return self._form.exterior.apply(potential)
 
     def tangent(self, currents: Array, potential: Array) -> csr_matrix:
         """The iron's tangent stiffness at a state, without the air.
@@ -525,21 +463,6 @@ class NonlinearSolver(FieldOfStates):
         fields = [self.coil_field(values) for values in currents]
         return self._form.corrections(self._material, fields, potential, air, tolerance)
 
-    def charge_density(self, potential: Array) -> Array:
-        """Charge per area of `surface`.
-
-        Parameters
-        ----------
-        potential
-            Nodal potentials (n, k).
-
-        Returns
-        -------
-        Array
-            (k, s), T.
-        """
-        return self._form.charge_density(potential)
-
     def energy_operator(self, currents: Array, potential: Array) -> Callable[[Array], Array]:
         """The tangent at a state, iron and air.
 
@@ -555,24 +478,7 @@ class NonlinearSolver(FieldOfStates):
         Callable[[Array], Array]
             A function of nodal potentials (n, k): symmetric and positive.
         """
-        tangent = self.tangent(currents, potential)
-        return lambda values: tangent @ values + self._form.exterior.apply(values)
-
-    def coil_field(self, currents: Array) -> CoilField:
-        """The field of coils and background in the iron, as the forms take it.
-
-        Parameters
-        ----------
-        currents
-            (c,), A.
-
-        Returns
-        -------
-        CoilField
-            The field.
-        """
-        own = self._unit.combined(currents[None])
-        return own if self._background is None else own + self._background
+        return self._energy_operator(currents, potential, self._material)
 
     def differential_inductance(self, state: NonlinearSolution, tolerance: float = 1e-8) -> Array:
         """Derivatives of the flux linkages by the currents. Where the iron saturates they are less than linkage per

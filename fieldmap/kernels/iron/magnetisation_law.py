@@ -32,13 +32,6 @@ def flux_density(h, law, tables):
     return ((c0 * t + c1) * t + c2) * t + c3, (3.0 * c0 * t + 2.0 * c1) * t + c2
 
 
-@njit(inline="always")
-def chord(h, law, tables):
-    """b/h at h >= 0, at h = 0 the initial slope, and db/dh."""
-    b, slope = flux_density(h, law, tables)
-    return b / h if h > 1e-30 else slope, slope
-
-
 @njit
 def flux_densities(h, law, tables):
     """b and db/dh (n,) at h (n,) >= 0, each by its own law (n,)."""

@@ -1,9 +1,9 @@
-"""The law with memory: what its variational principle says, and one-dimensional cycles known in closed form."""
+"""Iron with hysteresis: what its variational principle says, and one-dimensional cycles known in closed form."""
 
 import numpy as np
 import pytest
 
-from fieldmap.kernels.iron.hysteresis import advance, respond
+from fieldmap.core.play_cells import PlayCells
 
 SLOPE, SATURATION = 1000.0, 1.5
 KNEE = SATURATION / SLOPE
@@ -11,7 +11,7 @@ KNEE = SATURATION / SLOPE
 END = KNEE + 1.5e-3
 BEND = (10.0 - SLOPE) / (2 * 1.5e-3)
 LAW = (
-    np.array([0, 3]),
+    np.array([0.0, 3.0]),
     np.array([0.0, KNEE, END]),
     np.array(
         [
@@ -23,7 +23,7 @@ LAW = (
 )
 CELLS = np.array([[0.0, 1e-4, 3e-4, 7e-4]])
 WEIGHTS = np.array([0.1, 0.4, 0.3, 0.2])
-ORDER = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
+PACKED = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 
 
 def anhysteretic(s):
@@ -36,21 +36,30 @@ def anhysteretic(s):
     return j, stored + at_end * over + 5.0 * over**2
 
 
+def chord(s):
+    """j / s."""
+    return np.where(s > 0, anhysteretic(s)[0] / np.where(s > 0, s, 1.0), SLOPE)
+
+
 def vector(r):
     """Polarisation of reversible fields (..., 3)."""
-    size = np.linalg.norm(r, axis=-1, keepdims=True)
-    return np.where(size > 0, anhysteretic(size)[0] / np.where(size > 0, size, 1.0), SLOPE) * r
+    return chord(np.linalg.norm(r, axis=-1, keepdims=True)) * r
 
 
 def law(h, previous, cells=CELLS, weights=WEIGHTS):
-    rest = np.zeros(len(h), np.int64), LAW
-    polarisation, packed, moved = np.empty((len(h), 3)), np.empty((len(h), 6)), np.empty_like(previous)
-    respond(0, len(h), h, previous, cells, weights, *rest, polarisation, packed)
-    advance(0, len(h), h, previous, cells, weights, *rest, moved)
-    tangent = np.empty((len(h), 3, 3))
-    for k, (i, j) in enumerate(ORDER):
-        tangent[:, i, j] = tangent[:, j, i] = packed[:, k]
-    return polarisation, tangent, moved
+    """Polarisation (p, 3), its derivative (p, 3, 3), and the reversible fields (p, k, 3) of cells that remember
+    `previous` (p, k, 3)."""
+    polarisation, packed, after = (
+        np.empty((len(h), 3)),
+        np.empty((len(h), 6)),
+        np.empty((*previous.shape[:2], 4)),
+    )
+    known = chord(np.linalg.norm(previous, axis=-1, keepdims=True))
+    of = PlayCells(np.zeros(len(h)), *LAW, cells, weights)
+    of.respond(h, np.concatenate([previous, known], axis=-1), polarisation, after, packed)
+    moved, ratio = after[..., :3], after[..., 3:]
+    assert ratio == pytest.approx(chord(np.linalg.norm(moved, axis=-1, keepdims=True)), rel=1e-9)
+    return polarisation, packed[:, PACKED], moved
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +80,25 @@ def test_a_direction_that_turns_past_itself():
     pull, way = (h - r[0])[0], vector(r[0, 0]) - vector(previous[0, 0])
     assert np.linalg.norm(pull) == pytest.approx(7e-3, rel=1e-9)
     assert way @ pull == pytest.approx(np.linalg.norm(way) * np.linalg.norm(pull), rel=1e-9)
+
+
+def test_every_one_of_many_cells_finds_its_place():
+    """Newton's method for the direction fails in some of these cells; then mu is searched between bounds."""
+    random, count = np.random.default_rng(9), 40_000
+    first = 10.0 ** random.uniform(-5.0, -1.5, (count, 1)) * random.standard_normal((count, 3))
+    # One part moves in any way, one turns back, and one moves little where it is saturated, which is the hard case.
+    second = 10.0 ** random.uniform(-4.0, -2.0, (count, 1)) * random.standard_normal((count, 3)) + first
+    second[::4] = 10.0 ** random.uniform(-5.0, -1.5, (count // 4, 1)) * random.standard_normal(
+        (count // 4, 3)
+    )
+    second[1::4] = -first[1::4] * random.uniform(0.2, 5.0, (count // 4, 1))
+    before = law(first, np.zeros((count, 4, 3)))[2]
+    after = law(second, before)[2]
+    drag, change = second[:, None] - after, vector(after) - vector(before)
+    assert np.all(np.linalg.norm(drag, axis=2) <= CELLS * (1.0 + 1e-9) + 1e-15)
+    # Where the polarisation changes the drag is that of the pinning, and along the change: J is a minimum of (1).
+    friction = CELLS * np.linalg.norm(change, axis=2)
+    np.testing.assert_allclose(np.sum(drag * change, axis=2), friction, rtol=0.0, atol=1e-9 * friction.max())
 
 
 def test_cells_minimise_energy_plus_friction(points):
@@ -206,3 +234,58 @@ def test_loss_of_a_cycle_is_the_area_of_its_loop():
     exact = float((4 * cells[0] * SLOPE * (peak - cells[0])) @ WEIGHTS)
     assert area == pytest.approx(exact, rel=1e-3)
     assert found[-1] == pytest.approx(led(between(0, peak))[0][-1], rel=1e-9)
+
+
+def test_each_point_has_the_law_and_the_pinning_of_its_material(points):
+    """Two laws one behind the other, the second with half the slope in every piece; each as if it were alone."""
+    h, _ = points
+    offset, knots, coefficients = LAW
+    soft = coefficients * 0.5 + np.array([0.0, 0.0, 0.5, 0.0]) + np.outer(knots, [0.0, 0.0, 0.0, 0.5])
+    both = (np.array([0.0, 3.0, 6.0]), np.tile(knots, 2), np.concatenate([coefficients, soft]))
+    cells = np.concatenate([CELLS, 0.5 * CELLS])
+    before, number = np.zeros((len(h), 4, 4)), np.arange(len(h)) % 2.0
+    out = np.empty((3, len(h), 3))
+    PlayCells(number, *both, cells, WEIGHTS).respond(h, before, out[0])
+    PlayCells(0.0 * number, *LAW, CELLS, WEIGHTS).respond(h, before, out[1])
+    PlayCells(0.0 * number, offset, knots, soft, 0.5 * CELLS, WEIGHTS).respond(h, before, out[2])
+    np.testing.assert_array_equal(out[0], np.where(number[:, None] == 0.0, out[1], out[2]))
+    assert np.abs(out[1] - out[2]).max() > 0.1
+
+
+def test_rows_that_are_not_asked_for_stay_as_they_are(points, library):
+    """What cells remember may be written where it was read."""
+    h, _ = points
+    of, before = PlayCells(np.zeros(len(h)), *LAW, CELLS, WEIGHTS), np.zeros((len(h), 4, 4))
+    whole, parts, after = np.empty((len(h), 3)), np.full((len(h), 3), np.nan), np.empty_like(before)
+    of.respond(h, before, whole, after)
+    library.cells_respond(7, 30, of, h, before, parts, before, None)
+    asked = np.isin(np.arange(len(h)), np.arange(7, 30))[:, None]
+    np.testing.assert_array_equal(parts, np.where(asked, whole, np.nan))
+    np.testing.assert_array_equal(before, np.where(asked[..., None], after, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("changed", "error"),
+    [
+        ({"law": np.full(2, 1.0)}, ValueError),
+        ({"law": np.full(2, -1.0)}, ValueError),
+        ({"law": np.full(2, 0.5)}, ValueError),
+        ({"law": np.zeros(3)}, TypeError),
+        ({"offset": np.array([0.0, 4.0])}, ValueError),
+        ({"offset": np.array([1.0, 3.0])}, ValueError),
+        ({"offset": np.zeros(0)}, TypeError),
+        ({"coefficients": np.zeros((3, 3))}, TypeError),
+        ({"pinning": CELLS[:, 1:]}, TypeError),
+        ({"shares": WEIGHTS[1:]}, TypeError),
+        ({"rows": (0, 3)}, TypeError),
+        ({"rows": (-1, 2)}, TypeError),
+        ({"after": np.zeros((2, 4, 3))}, TypeError),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused(library, changed, error):
+    given = dict(zip(PlayCells._fields, (np.zeros(2), *LAW, CELLS, WEIGHTS), strict=True))
+    rest = {"rows": (0, 2), "after": np.zeros((2, 4, 4))}
+    of = PlayCells(**{name: changed.get(name, value) for name, value in given.items()})
+    rows, after = (changed.get(name, value) for name, value in rest.items())
+    with pytest.raises(error):
+        library.cells_respond(*rows, of, np.ones((2, 3)), np.zeros((2, 4, 4)), np.empty((2, 3)), after, None)
