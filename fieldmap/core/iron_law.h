@@ -258,8 +258,9 @@ static inline void fieldmap_cells_add(fieldmap_cell_lanes *moving, const fieldma
     for (i = 0; i < 6 && susceptible != NULL; i++) susceptible[i] = 0.0;
     for (k = 0; k < cells; k++, before += 4) {
         const double share = weight * shares[k], kappa = pinning[k];
-        double *u = moving->u[moving->count], *v = moving->v[moving->count], away, height, *then = after == NULL ? NULL : after + 4 * k;
-        int at = piece == NULL ? of->low : piece[k], *lane = moving->piece + moving->count;
+        const int m = moving->count;
+        double *u = moving->u[m], *v = moving->v[m], *then = after == NULL ? NULL : after + 4 * k, away, h_u, h_v;
+        int at = piece == NULL ? of->low : piece[k];
         if (kappa == 0.0) {
             double slope, chord = fieldmap_iron_chord(of, &at, fieldmap_norm(h), &slope);
             fieldmap_cell_moved(share, h, h, 0.0, 0.0, chord, slope, j, then, susceptible);
@@ -274,14 +275,14 @@ static inline void fieldmap_cells_add(fieldmap_cell_lanes *moving, const fieldma
             continue;
         }
         for (i = 0; i < 3; i++) u[i] /= away;
-        height = h[0] * u[0] + h[1] * u[1] + h[2] * u[2];
-        for (i = 0; i < 3; i++) v[i] = h[i] - height * u[i];
-        moving->h_u[moving->count] = height, moving->h_v[moving->count] = height = fieldmap_norm(v);
-        for (i = 0; i < 3; i++) v[i] = height > 0.0 ? v[i] / height : 0.0;
-        moving->away[moving->count] = away, moving->kappa[moving->count] = kappa, moving->ratio[moving->count] = before[3];
-        moving->share[moving->count] = share, moving->h[moving->count] = h, moving->before[moving->count] = before;
-        moving->j[moving->count] = j, moving->after[moving->count] = then, moving->susceptible[moving->count] = susceptible;
-        moving->of[moving->count] = *of, *lane = at, moving->known[moving->count] = piece == NULL ? NULL : piece + k;
+        h_u = h[0] * u[0] + h[1] * u[1] + h[2] * u[2];
+        for (i = 0; i < 3; i++) v[i] = h[i] - h_u * u[i];
+        h_v = fieldmap_norm(v);
+        for (i = 0; i < 3; i++) v[i] = h_v > 0.0 ? v[i] / h_v : 0.0;
+        moving->h_u[m] = h_u, moving->h_v[m] = h_v, moving->away[m] = away, moving->kappa[m] = kappa;
+        moving->ratio[m] = before[3], moving->share[m] = share, moving->h[m] = h, moving->before[m] = before;
+        moving->j[m] = j, moving->after[m] = then, moving->susceptible[m] = susceptible;
+        moving->of[m] = *of, moving->piece[m] = at, moving->known[m] = piece == NULL ? NULL : piece + k;
         if (++moving->count == FIELDMAP_CELL_LANES) fieldmap_cells_finish(moving);
     }
 }

@@ -190,6 +190,7 @@ static PyObject *cells_respond(PyObject *self, PyObject *const *args, Py_ssize_t
     double *j = filled_of(&from, "polarisation", 3 * points), *after = filled_or_none(&from, "after", 4 * points * cells);
     double *susceptible = filled_or_none(&from, "susceptibility", 6 * points);
     fieldmap_iron iron = {0};
+    fieldmap_cell_lanes moving;
     npy_intp n;
     (void)self;
     require(0 <= begin && begin <= end && end <= points && points <= INT_MAX && laws >= 1, PyExc_TypeError,
@@ -200,13 +201,14 @@ static PyObject *cells_respond(PyObject *self, PyObject *const *args, Py_ssize_t
     require(fieldmap_iron_laws_fit(&iron, (int)begin, (int)end), PyExc_ValueError, "a point follows no law");
     if (PyErr_Occurred()) return answer(&from, NULL);
     Py_BEGIN_ALLOW_THREADS
+    moving.count = 0;
     for (n = begin; n < end; n++) {
         const fieldmap_iron_curve curve = fieldmap_iron_curve_of(&iron, (int)n);
-        int piece = curve.low;
-        fieldmap_cells_respond(&curve, &piece, (int)cells, pinning + (npy_intp)law.at[n] * cells, shares.at, h + 3 * n,
+        fieldmap_cells_add(&moving, &curve, NULL, (int)cells, pinning + (npy_intp)law.at[n] * cells, shares.at, 1.0, h + 3 * n,
             before + 4 * cells * n, j + 3 * n, after == NULL ? NULL : after + 4 * cells * n,
             susceptible == NULL ? NULL : susceptible + 6 * n);
     }
+    fieldmap_cells_finish(&moving);
     Py_END_ALLOW_THREADS
     return nothing(&from);
 }
