@@ -22,7 +22,7 @@ enum { FIELDMAP_IRON_BEYOND = 32, FIELDMAP_IRON_NOT_CONVERGED = 33, FIELDMAP_IRO
 enum {
     FIELDMAP_IRON_STEPS = 60, FIELDMAP_IRON_PAIRS = 12, FIELDMAP_IRON_PASSED = 3, FIELDMAP_IRON_LANES = 16,
     FIELDMAP_IRON_TILE = 4, FIELDMAP_IRON_POINTS = 16, FIELDMAP_IRON_TOGETHER = 256, FIELDMAP_IRON_SIZES = 20,
-    FIELDMAP_IRON_MAX_SIGNALS = 64, FIELDMAP_IRON_MAX_DEGREE = 30
+    FIELDMAP_IRON_MAX_SIGNALS = 64, FIELDMAP_IRON_MAX_DEGREE = 30, FIELDMAP_IRON_MAX_CELLS = 256
 };
 
 /* A map of saturating iron; treat it as read-only. fields: the fields of the coils, the iron and a background; their weighted
@@ -43,11 +43,11 @@ typedef struct fieldmap_iron {
 /* State and work space of the solver; one for each thread. steps, left_over: number of steps and estimated relative error, in
  * the energy norm, of the last solve. tolerance: allowed relative error; checked: whether currents outside the domain are
  * refused. The caller may set these two. cells: what the cells remember (fieldmap_cell_moved), zero at first:
- * demagnetised iron. */
+ * demagnetised iron. heat: what the steps since then turned into heat, times mu0, T^2 m^3. */
 typedef struct fieldmap_iron_state {
     const fieldmap_iron *map;
     int count, steps, checked;
-    double left_over, tolerance;
+    double left_over, tolerance, heat;
     double *currents, *amplitudes, *factor, *h, *solution, *applied, *vector, *moved, *step_h, *residual, *response;
     double *change, *rest, *left, *changes, *responses, *susceptible, *cells, *products, *material;
     float *single, *single_change, *total, *sides, *rows;
@@ -135,7 +135,7 @@ static inline int fieldmap_iron_of_numbers(fieldmap_iron *map, const double *num
     map->k = (int)sizes[4], map->has_fixed = (int)sizes[5], map->n_laws = (int)sizes[6], map->n_knots = (int)sizes[7];
     map->n_terms = (int)sizes[8], map->n_signals = (int)sizes[9], map->division = (int)sizes[10];
     map->checked = (int)sizes[11], map->n_fields = (int)sizes[12];
-    map->n_cells = (int)fieldmap_whole(numbers[17], 0, 256);
+    map->n_cells = (int)fieldmap_whole(numbers[17], 0, FIELDMAP_IRON_MAX_CELLS);
     map->exponent = numbers[13], map->limit = numbers[14], map->off = numbers[15], map->tolerance = numbers[16];
     coils = map->n_coils > 0;
     if (map->n_cells < 0 || map->p < 1 || map->r < 1 || map->n_laws < 1 || map->n_knots < 1 || (map->n_terms > 0) != coils
@@ -356,10 +356,25 @@ FIELDMAP_INLINE void fieldmap_iron_polarise(
     }
 }
 
-/* Fill h at amplitudes a (padded with zeros to `wide` numbers), with sums in double precision. */
+/* Fill applied[3 p], the field of coils and background at the points, T. */
+static inline void fieldmap_iron_apply(const fieldmap_iron *map, fieldmap_iron_state *s, const double *currents)
+{
+    const int c = map->n_coils;
+    int i, k;
+    for (i = 0; i < 3 * map->p; i++) {
+        const double *unit = map->source + (size_t)i * (size_t)c;
+        double total = map->has_fixed ? map->fixed[i] : 0.0;
+        for (k = 0; k < c; k++) total += unit[k] * currents[k];
+        s->applied[i] = total;
+    }
+}
+
+/* Fill h in the last state, whose amplitudes are a (padded with zeros to `wide` numbers), with sums in double precision. Its
+ * applied field is not there yet if the state was copied and its currents have not changed since. */
 static inline void fieldmap_iron_field_at(const fieldmap_iron *map, fieldmap_iron_state *s, const double *a)
 {
     int i;
+    fieldmap_iron_apply(map, s, s->currents + (FIELDMAP_IRON_PASSED - 1) * map->n_coils);
     for (i = 0; i < 3 * map->p; i++)
         s->h[i] = s->applied[i] - fieldmap_iron_mixed_dot(map->gradients + (size_t)i * (size_t)map->wide, a, map->wide);
 }
@@ -710,19 +725,6 @@ static inline void fieldmap_iron_continue(const fieldmap_iron *map, fieldmap_iro
     }
 }
 
-/* Fill applied[3 p], the field of coils and background at the points, T. */
-static inline void fieldmap_iron_apply(const fieldmap_iron *map, fieldmap_iron_state *s, const double *currents)
-{
-    const int c = map->n_coils;
-    int i, k;
-    for (i = 0; i < 3 * map->p; i++) {
-        const double *unit = map->source + (size_t)i * (size_t)c;
-        double total = map->has_fixed ? map->fixed[i] : 0.0;
-        for (k = 0; k < c; k++) total += unit[k] * currents[k];
-        s->applied[i] = total;
-    }
-}
-
 /* Store the newest state after the others, or instead of them if it did not begin at them (near = 0), and fill solution, the
  * weights of all fields. */
 static inline void fieldmap_iron_remember(
@@ -883,11 +885,11 @@ static inline int fieldmap_iron_follow(fieldmap_iron_state *state, const double 
     return again;
 }
 
-/* The cells remember the state of the last solve. */
+/* The cells remember the state of the last solve, and their heat is counted: equation (5). */
 static inline void fieldmap_iron_advance(fieldmap_iron_state *s)
 {
     const fieldmap_iron *map = s->map;
-    double polarisation[3];
+    double polarisation[3], before[4 * FIELDMAP_IRON_MAX_CELLS];
     int i, p;
     for (i = 0; i < map->wide; i++) s->rest[i] = i < map->r ? s->amplitudes[(FIELDMAP_IRON_PASSED - 1) * map->r + i] : 0.0;
     fieldmap_iron_field_at(map, s, s->rest);
@@ -895,9 +897,11 @@ static inline void fieldmap_iron_advance(fieldmap_iron_state *s)
         const fieldmap_iron_curve of = fieldmap_iron_curve_of(map, p);
         const double *pinning = fieldmap_iron_pinning(map, p);
         double *cells = s->cells + 4 * (size_t)p * (size_t)map->n_cells;
-        if (pinning != NULL)
-            fieldmap_cells_respond(&of, s->piece + p, map->n_cells, pinning, map->shares, s->h + 3 * (size_t)p, cells, polarisation,
-                cells, NULL);
+        if (pinning == NULL) continue;
+        memcpy(before, cells, 4 * (size_t)map->n_cells * sizeof(double));
+        fieldmap_cells_respond(&of, s->piece + p, map->n_cells, pinning, map->shares, s->h + 3 * (size_t)p, cells, polarisation,
+            cells, NULL);
+        s->heat += map->weights[p] * fieldmap_cells_heat(map->n_cells, pinning, map->shares, before, cells);
     }
 }
 
@@ -910,8 +914,8 @@ static inline int fieldmap_iron_step(fieldmap_iron_state *s, const double *curre
 }
 
 /* Copy what later solves and steps depend on to `out` or from `in`, one of which is NULL; or count it, if both are. Returns the
- * number of doubles: that of the last states and what their solve left, the states, the factor of the tangent, the weights,
- * and the cells. */
+ * number of doubles: that of the last states, what their solve left and the heat, the states, the factor of the tangent, the
+ * weights, and the cells. */
 static inline size_t fieldmap_iron_copy(fieldmap_iron_state *s, double *out, const double *in)
 {
     const fieldmap_iron *map = s->map;
@@ -919,10 +923,10 @@ static inline size_t fieldmap_iron_copy(fieldmap_iron_state *s, double *out, con
     double *const parts[5] = {s->currents, s->amplitudes, s->factor, s->solution, s->cells};
     const size_t sizes[5] = {passed * (size_t)map->n_coils, passed * r, r * r, (size_t)map->n_fields,
                              4 * (size_t)map->p * (size_t)map->n_cells};
-    size_t used = 2;
+    size_t used = 3;
     int i;
-    if (out != NULL) out[0] = (double)s->count, out[1] = s->left_over;
-    if (in != NULL) s->count = (int)fieldmap_whole(in[0], 0, FIELDMAP_IRON_PASSED), s->left_over = in[1];
+    if (out != NULL) out[0] = (double)s->count, out[1] = s->left_over, out[2] = s->heat;
+    if (in != NULL) s->count = (int)fieldmap_whole(in[0], 0, FIELDMAP_IRON_PASSED), s->left_over = in[1], s->heat = in[2];
     for (i = 0; i < 5; i++) {
         if (out != NULL) memcpy(out + used, parts[i], sizes[i] * sizeof(double));
         if (in != NULL) memcpy(parts[i], in + used, sizes[i] * sizeof(double));

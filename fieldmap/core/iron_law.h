@@ -200,4 +200,20 @@ static inline void fieldmap_cells_respond(const fieldmap_iron_curve *of, int *pi
     }
 }
 
+/* Heat of a step of `cells` cells for each volume, times mu0, T^2: share and pinning field of each times the distance by which
+ * its polarisation moved. before, after: as for fieldmap_cells_respond. The integrand of equation (5). */
+static inline double fieldmap_cells_heat(
+    int cells, const double *pinning, const double *shares, const double *before, const double *after)
+{
+    double heat = 0.0, way[3];
+    int i, k;
+    for (k = 0; k < cells; k++) {
+        const double *p = before + 4 * k, *r = after + 4 * k;
+        if (r[0] == p[0] && r[1] == p[1] && r[2] == p[2]) continue;
+        for (i = 0; i < 3; i++) way[i] = r[3] * r[i] - p[3] * p[i];
+        heat += shares[k] * pinning[k] * fieldmap_norm(way);
+    }
+    return heat;
+}
+
 #endif
