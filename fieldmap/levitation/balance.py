@@ -184,14 +184,15 @@ class MagnetBalance(ABC):
         """
 
         def force(source: Field, change: Array) -> Array:
-            at_end = replace(self, source=source, currents=self.currents + change)
-            return at_end.magnetic_force(position[None, :])[0]
+            return replace(self, source=source, currents=self.currents + change).magnetic_force(
+                position[None, :]
+            )[0]
 
-        ends, slopes = getattr(self.source, "ends_of_loop", lambda *_: (self.source, self.source)), []
-        for signal, step in zip(signals.T, steps, strict=True):
-            swing = step * signal
-            plus, minus = ends(self.currents, swing)
-            slopes.append((force(plus, swing) - force(minus, -swing)) / (2.0 * step))
+        after_loop = getattr(self.source, "after_loop", lambda currents, swing: self.source)
+        slopes = []
+        for swing, step in zip((signals * steps).T, steps, strict=True):
+            looped = after_loop(self.currents, swing)
+            slopes.append((force(looped, swing) - force(looped, -swing)) / (2.0 * step))
         return np.column_stack(slopes)
 
 

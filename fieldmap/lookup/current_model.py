@@ -155,37 +155,26 @@ class CurrentModel:
         of._solve(np.array(currents), weights, slopes)
         if loop is None:
             return weights, slopes
-        swings = self._swings(currents, loop)
-        pairs = [(self.ends_of_loop(currents, swing), swing) for swing in swings.T]
-        ends = [
-            [one.weights(currents + turn * swing) for one, turn in zip(pair, (1.0, -1.0), strict=True)]
-            for pair, swing in pairs
-        ]
-        secants = 0.5 * np.array([plus - minus for plus, minus in ends]).T
-        return weights, with_secants(slopes, secants, swings)
+        swings, secants = self._swings(currents, loop), []
+        for swing in swings.T:
+            plus = self.after_loop(currents, swing)
+            minus = plus.along((currents - swing)[None], _OF_LOOPS)
+            secants.append(0.5 * (plus.weights(currents + swing) - minus.weights(currents - swing)))
+        return weights, with_secants(slopes, np.transpose(secants), swings)
 
-    def ends_of_loop(self, currents: Array, swing: Array) -> tuple[CurrentModel, CurrentModel]:
-        """The same iron where the second of two loops turns, at currents (c,) plus and minus `swing` (c,), be they in
-        the domain or not. Raises NotConverged."""
+    def after_loop(self, currents: Array, swing: Array) -> CurrentModel:
+        """The same iron in the middle of the second of two loops, at currents (c,) plus `swing` (c,), be they in the
+        domain or not. Raises NotConverged."""
         if not self.model.remembers:
-            return self, self
-        plus = self.along(currents + np.outer([0.0, 1.0, -1.0, 1.0], swing), _OF_LOOPS)
-        return plus, plus.along((currents - swing)[None], _OF_LOOPS)
+            return self
+        return self.along(currents + np.outer([0.0, 1.0, -1.0, 1.0], swing), _OF_LOOPS)
 
     def _swings(self, currents: Array, loop: float) -> Array:
-        """Changes (c, d) of the currents by each signal, up to `loop` of the current that changes most. Raises
-        OutsideMapError for loops beyond the domain unless `outside` allows them."""
+        """Changes (c, d) of the currents by each signal, up to `loop` of the current that changes most."""
         of = self.model.parametrisation
-        signals = of.nearest(currents).values
-        slopes = of.derivative(signals)
+        slopes = of.derivative(of.nearest(currents).values)
         most = np.abs(slopes).max(axis=0)
-        steps = np.divide(loop, most, out=np.zeros_like(most), where=most > 0.0)
-        if self._outside == "raise":
-            for turned in (*(signals + np.diag(steps)), *(signals - np.diag(steps))):
-                problem = self._outside_domain(of.currents(turned))
-                if problem is not None:
-                    raise OutsideMapError(problem)
-        return np.asarray(slopes * steps)
+        return np.asarray(slopes * np.divide(loop, most, out=np.zeros_like(most), where=most > 0.0))
 
     def _freed(self) -> CurrentModel:
         """This iron after a loop so small that it only moves cells from the ends of their play. Which of those that

@@ -245,8 +245,11 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         """
         return self._with(self._remembering("step").stepped(self._amperes(currents)))
 
-    def ends_of_loop(self, currents: Any, swing: ArrayLike) -> tuple[FieldMap, FieldMap]:
-        """This map at both ends of the second of two loops about currents, to which a straight path leads.
+    def after_loop(self, currents: Any, swing: ArrayLike) -> FieldMap:
+        """This map in the middle of the second of two loops about currents, to which a straight path leads.
+
+        Its field at the currents plus `swing`, where it stands, and minus `swing`, at the other end of the loop, tell
+        the slope of the loop: docs/theory/hysteresis.md (6).
 
         Parameters
         ----------
@@ -257,9 +260,8 @@ class FieldMap(Field, own_shapes=ONE_POINT):
 
         Returns
         -------
-        tuple[FieldMap, FieldMap]
-            Maps with the same fields and the memory at the currents plus `swing`, and at the currents minus `swing`;
-            this map twice if its iron has no hysteresis.
+        FieldMap
+            A map with the same fields; this one if its iron has no hysteresis.
 
         Raises
         ------
@@ -269,14 +271,12 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         Examples
         --------
         >>> m = open_map("maps/out/remembering.h5")                                   # doctest: +SKIP
-        >>> up, down = m.ends_of_loop(1.55, 6 * [0.02])                               # doctest: +SKIP
-        >>> rise = up.field([0, 0, -0.09], 1.57) - down.field([0, 0, -0.09], 1.53)    # doctest: +SKIP
+        >>> looped, place = m.after_loop(1.55, 6 * [0.02]), [0, 0, -0.09]             # doctest: +SKIP
+        >>> slope = (looped.field(place, 1.57) - looped.field(place, 1.53)) / 0.04    # doctest: +SKIP
         """
         if self._model is None or not self.remembers:
-            return self, self
-        amperes = self._amperes(currents), self._amperes(swing)
-        plus, minus = self._model.ends_of_loop(*amperes)
-        return self._with(plus), self._with(minus)
+            return self
+        return self._with(self._model.after_loop(self._amperes(currents), self._amperes(swing)))
 
     @property
     def last_currents(self) -> Array:

@@ -268,6 +268,10 @@ def test_slopes_of_loops_are_those_between_the_ends_of_the_second_loop(closely, 
         np.testing.assert_allclose(loop * by_slope[:, k], of_slope, atol=1e-8 * np.abs(slope).max())
     matrix = memory.actuation(PLACES[1], at, loop=loop).matrix
     np.testing.assert_allclose(matrix[:3], by_flux[1].T, atol=1e-12)
+    looped = memory.after_loop(at, loop * np.eye(6)[2])
+    np.testing.assert_array_equal(looped.last_currents, at + loop * np.eye(6)[2])
+    ends = [looped.field(PLACES, at + turn * loop * np.eye(6)[2]) for turn in (1.0, -1.0)]
+    np.testing.assert_allclose((ends[0] - ends[1]) / (2.0 * loop), by_flux[:, 2], atol=1e-8)
     small = memory.by_currents(PLACES, at, loop=1e-3)[2]
     assert np.abs(by_flux - small).max() > (0.002 if loop < 0.1 else 0.02) * np.abs(small).max()
 
@@ -335,4 +339,4 @@ def test_loops_stay_in_the_domain(m, plain):
 def test_no_field_without_memory_has_heat(plain):
     with pytest.raises(InputError):
         print(plain.dissipated)
-    assert plain.ends_of_loop(1.0, np.full(6, 0.1)) == (plain, plain)
+    assert plain.after_loop(1.0, np.full(6, 0.1)) is plain
