@@ -338,7 +338,8 @@ def plant_from_map(
     signal_steps
         (k,), over plus and minus which forces per signal are differenced; unless given, steps in which no
         current changes by more than 1 % of the largest. The differences are exact where the force is linear
-        in the currents, and of second order in the step where iron saturates.
+        in the currents, and of second order in the step where iron saturates. Of iron with hysteresis they are
+        slopes of loops of this size, as of `FieldMap.by_currents`.
 
     Returns
     -------

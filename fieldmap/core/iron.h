@@ -43,11 +43,11 @@ typedef struct fieldmap_iron {
 /* State and work space of the solver; one for each thread. steps, left_over: number of steps and estimated relative error, in
  * the energy norm, of the last solve. tolerance: allowed relative error; checked: whether currents outside the domain are
  * refused. The caller may set these two. cells: what the cells remember (fieldmap_cell_moved), zero at first:
- * demagnetised iron. */
+ * demagnetised iron. heat: what the steps since then turned into heat, times mu0, T^2 m^3. */
 typedef struct fieldmap_iron_state {
     const fieldmap_iron *map;
     int count, steps, checked;
-    double left_over, tolerance;
+    double left_over, tolerance, heat;
     double *currents, *amplitudes, *factor, *h, *solution, *applied, *vector, *moved, *step_h, *residual, *response;
     double *change, *rest, *left, *changes, *responses, *susceptible, *cells, *products, *material;
     float *single, *single_change, *total, *sides, *rows;
@@ -335,14 +335,14 @@ static inline const double *fieldmap_iron_pinning(const fieldmap_iron *map, int 
 }
 
 /* Fill j[3 count] = w J at h of `count` points from `first` on, where w are their weights; susceptible: w dJ/dh (6 entries each),
- * or NULL. after: what the cells would remember, or NULL. */
-static inline void fieldmap_iron_polarise(const fieldmap_iron *map, const fieldmap_iron_state *s, int first, int count,
+ * or NULL. after: what the cells would remember, or NULL. Returns the heat of the cells, times mu0, if they are to remember. */
+static inline double fieldmap_iron_polarise(const fieldmap_iron *map, const fieldmap_iron_state *s, int first, int count,
     const double *h, double *j, double *susceptible, double *after)
 {
     const int cells = map->n_cells;
     fieldmap_cell_lanes moving;
     int n, i;
-    moving.count = 0;
+    moving.count = 0, moving.heat = 0.0;
     for (n = 0; n < count; n++, h += 3, j += 3) {
         const int p = first + n;
         const fieldmap_iron_curve of = fieldmap_iron_curve_of(map, p);
@@ -362,6 +362,7 @@ static inline void fieldmap_iron_polarise(const fieldmap_iron *map, const fieldm
         }
     }
     fieldmap_cells_finish(&moving);
+    return moving.heat;
 }
 
 /* Points from `first` on that are taken together, so that their rows stay in the cache. */
@@ -370,10 +371,25 @@ static inline int fieldmap_iron_some(const fieldmap_iron *map, int first)
     return map->p - first < FIELDMAP_IRON_POINTS ? map->p - first : FIELDMAP_IRON_POINTS;
 }
 
-/* Fill h at amplitudes a (padded with zeros to `wide` numbers), with sums in double precision. */
+/* Fill applied[3 p], the field of coils and background at the points, T. */
+static inline void fieldmap_iron_apply(const fieldmap_iron *map, fieldmap_iron_state *s, const double *currents)
+{
+    const int c = map->n_coils;
+    int i, k;
+    for (i = 0; i < 3 * map->p; i++) {
+        const double *unit = map->source + (size_t)i * (size_t)c;
+        double total = map->has_fixed ? map->fixed[i] : 0.0;
+        for (k = 0; k < c; k++) total += unit[k] * currents[k];
+        s->applied[i] = total;
+    }
+}
+
+/* Fill h in the last state, whose amplitudes are a (padded with zeros to `wide` numbers), with sums in double precision. Its
+ * applied field is not there yet if the state was copied and its currents have not changed since. */
 static inline void fieldmap_iron_field_at(const fieldmap_iron *map, fieldmap_iron_state *s, const double *a)
 {
     int i;
+    fieldmap_iron_apply(map, s, s->currents + (FIELDMAP_IRON_PASSED - 1) * map->n_coils);
     for (i = 0; i < 3 * map->p; i++)
         s->h[i] = s->applied[i] - fieldmap_iron_mixed_dot(map->gradients + (size_t)i * (size_t)map->wide, a, map->wide);
 }
@@ -728,19 +744,6 @@ static inline void fieldmap_iron_continue(const fieldmap_iron *map, fieldmap_iro
     }
 }
 
-/* Fill applied[3 p], the field of coils and background at the points, T. */
-static inline void fieldmap_iron_apply(const fieldmap_iron *map, fieldmap_iron_state *s, const double *currents)
-{
-    const int c = map->n_coils;
-    int i, k;
-    for (i = 0; i < 3 * map->p; i++) {
-        const double *unit = map->source + (size_t)i * (size_t)c;
-        double total = map->has_fixed ? map->fixed[i] : 0.0;
-        for (k = 0; k < c; k++) total += unit[k] * currents[k];
-        s->applied[i] = total;
-    }
-}
-
 /* Store the newest state after the others, or instead of them if it did not begin at them (near = 0), and fill solution, the
  * weights of all fields. */
 static inline void fieldmap_iron_remember(
@@ -904,14 +907,14 @@ static inline int fieldmap_iron_follow(fieldmap_iron_state *state, const double 
     return again;
 }
 
-/* The cells remember the state of the last solve. */
+/* The cells remember the state of the last solve, and their heat is counted: equation (5). */
 static inline void fieldmap_iron_advance(fieldmap_iron_state *s)
 {
     const fieldmap_iron *map = s->map;
     int i;
     for (i = 0; i < map->wide; i++) s->rest[i] = i < map->r ? s->amplitudes[(FIELDMAP_IRON_PASSED - 1) * map->r + i] : 0.0;
     fieldmap_iron_field_at(map, s, s->rest);
-    fieldmap_iron_polarise(map, s, 0, map->p, s->h, s->moved, NULL, s->cells);
+    s->heat += fieldmap_iron_polarise(map, s, 0, map->p, s->h, s->moved, NULL, s->cells);
 }
 
 /* Go straight from the currents of the last step to currents[n_coils]; then the cells remember the state. */
@@ -923,8 +926,8 @@ static inline int fieldmap_iron_step(fieldmap_iron_state *s, const double *curre
 }
 
 /* Copy what later solves and steps depend on to `out` or from `in`, one of which is NULL; or count it, if both are. Returns the
- * number of doubles: that of the last states and what their solve left, the states, the factor of the tangent, the weights,
- * and the cells. */
+ * number of doubles: that of the last states, what their solve left and the heat, the states, the factor of the tangent, the
+ * weights, and the cells. */
 static inline size_t fieldmap_iron_copy(fieldmap_iron_state *s, double *out, const double *in)
 {
     const fieldmap_iron *map = s->map;
@@ -932,10 +935,10 @@ static inline size_t fieldmap_iron_copy(fieldmap_iron_state *s, double *out, con
     double *const parts[5] = {s->currents, s->amplitudes, s->factor, s->solution, s->cells};
     const size_t sizes[5] = {passed * (size_t)map->n_coils, passed * r, r * r, (size_t)map->n_fields,
                              4 * (size_t)map->p * (size_t)map->n_cells};
-    size_t used = 2;
+    size_t used = 3;
     int i;
-    if (out != NULL) out[0] = (double)s->count, out[1] = s->left_over;
-    if (in != NULL) s->count = (int)fieldmap_whole(in[0], 0, FIELDMAP_IRON_PASSED), s->left_over = in[1];
+    if (out != NULL) out[0] = (double)s->count, out[1] = s->left_over, out[2] = s->heat;
+    if (in != NULL) s->count = (int)fieldmap_whole(in[0], 0, FIELDMAP_IRON_PASSED), s->left_over = in[1], s->heat = in[2];
     for (i = 0; i < 5; i++) {
         if (out != NULL) memcpy(out + used, parts[i], sizes[i] * sizeof(double));
         if (in != NULL) memcpy(parts[i], in + used, sizes[i] * sizeof(double));

@@ -93,8 +93,14 @@ class IronState:
 def last_currents(remembered: Array, coils: int) -> Array:
     """Currents (c,) of the last state among numbers of `IronState.remembered`; zero where there is none."""
     passed: int = LIBRARY.IRON_PASSED
-    # Behind how many states there are and what the last solve left lie the currents of each, the last one last.
-    return remembered[2 + (passed - 1) * coils : 2 + passed * coils].copy()
+    # Behind three numbers lie the currents of the last states, the last one last.
+    return remembered[3 + (passed - 1) * coils : 3 + passed * coils].copy()
+
+
+def heat_of(remembered: Array) -> float:
+    """What the steps behind numbers of `IronState.remembered` turned into heat, times mu0, T^2 m^3."""
+    # Behind how many states there are and what the last solve left.
+    return float(remembered[2])
 
 
 def continued(aim: Array, passed: Array, amplitudes: Array) -> Array:

@@ -127,9 +127,10 @@ static inline double fieldmap_cell_bounded(
 /* Cells that move to a new reversible field r, one in each lane. A cell remembers its field p and the ratio of its polarisation
  * to it. r lies on the circle of radius kappa about h, in the plane of h and p. Its axes are u, the direction from p to h, which
  * are `away` from each other, and v. n: direction of h - r. mu: of (2), 0 as long as it is not found; chord, slope: J / |r| and
- * dJ / d|r|. The other numbers are those of fieldmap_cells_add. */
+ * dJ / d|r|. heat: of the cells that were told to remember, times mu0: (5). The other numbers are those of fieldmap_cells_add. */
 typedef struct fieldmap_cell_lanes {
     int count, piece[FIELDMAP_CELL_LANES], *known[FIELDMAP_CELL_LANES];
+    double heat;
     double h_u[FIELDMAP_CELL_LANES], h_v[FIELDMAP_CELL_LANES], away[FIELDMAP_CELL_LANES], kappa[FIELDMAP_CELL_LANES];
     double ratio[FIELDMAP_CELL_LANES], n_u[FIELDMAP_CELL_LANES], n_v[FIELDMAP_CELL_LANES], mu[FIELDMAP_CELL_LANES];
     double chord[FIELDMAP_CELL_LANES], slope[FIELDMAP_CELL_LANES], u[FIELDMAP_CELL_LANES][3], v[FIELDMAP_CELL_LANES][3];
@@ -239,6 +240,10 @@ static inline void fieldmap_cells_finish(fieldmap_cell_lanes *s)
             s->mu[k] = fieldmap_cell_bounded(s->of + k, s->piece + k, h, j, kappa, r);
             s->chord[k] = fieldmap_iron_chord(s->of + k, s->piece + k, fieldmap_norm(r), s->slope + k);
         }
+        if (s->after[k] != NULL) {
+            for (i = 0; i < 3; i++) j[i] = s->chord[k] * r[i] - p[3] * p[i];
+            s->heat += s->share[k] * kappa * fieldmap_norm(j);
+        }
         fieldmap_cell_moved(s->share[k], h, r, kappa, s->mu[k], s->chord[k], s->slope[k], s->j[k], s->after[k], s->susceptible[k]);
         if (s->known[k] != NULL) *s->known[k] = s->piece[k];
     }
@@ -253,6 +258,7 @@ static inline void fieldmap_cells_add(fieldmap_cell_lanes *moving, const fieldma
     const double *pinning, const double *shares, double weight, const double *h, const double *before, double *j, double *after,
     double *susceptible)
 {
+    const double size = fieldmap_norm(h);
     int i, k;
     for (i = 0; i < 3; i++) j[i] = 0.0;
     for (i = 0; i < 6 && susceptible != NULL; i++) susceptible[i] = 0.0;
@@ -262,14 +268,15 @@ static inline void fieldmap_cells_add(fieldmap_cell_lanes *moving, const fieldma
         double *u = moving->u[m], *v = moving->v[m], *then = after == NULL ? NULL : after + 4 * k, away, h_u, h_v;
         int at = piece == NULL ? of->low : piece[k];
         if (kappa == 0.0) {
-            double slope, chord = fieldmap_iron_chord(of, &at, fieldmap_norm(h), &slope);
+            double slope, chord = fieldmap_iron_chord(of, &at, size, &slope);
             fieldmap_cell_moved(share, h, h, 0.0, 0.0, chord, slope, j, then, susceptible);
             if (piece != NULL) piece[k] = at;
             continue;
         }
         for (i = 0; i < 3; i++) u[i] = h[i] - before[i];
         away = fieldmap_norm(u);
-        if (away <= kappa) {
+        /* A cell that ended a move in this field is farther than kappa by rounding only. */
+        if (away - kappa <= 1e-15 * (size + kappa)) {
             for (i = 0; i < 3; i++) j[i] += share * before[3] * before[i];
             for (i = 0; i < 4 && then != NULL; i++) then[i] = before[i];
             continue;

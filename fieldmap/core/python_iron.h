@@ -201,7 +201,7 @@ static PyObject *cells_respond(PyObject *self, PyObject *const *args, Py_ssize_t
     require(fieldmap_iron_laws_fit(&iron, (int)begin, (int)end), PyExc_ValueError, "a point follows no law");
     if (PyErr_Occurred()) return answer(&from, NULL);
     Py_BEGIN_ALLOW_THREADS
-    moving.count = 0;
+    moving.count = 0, moving.heat = 0.0;
     for (n = begin; n < end; n++) {
         const fieldmap_iron_curve curve = fieldmap_iron_curve_of(&iron, (int)n);
         fieldmap_cells_add(&moving, &curve, NULL, (int)cells, pinning + (npy_intp)law.at[n] * cells, shares.at, 1.0, h + 3 * n,

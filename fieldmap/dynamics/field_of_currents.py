@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check, check_positive
+from fieldmap.arguments import check, check_not_negative, check_positive
 from fieldmap.core import CoreMap
 from fieldmap.core.current_table import CoreTable
 from fieldmap.core.iron import CoreIron
@@ -39,7 +39,8 @@ class FieldOfCurrents(Record):
     `model` of saturating iron, by a `table`, or, without both, in proportion. assumptions; tolerance: share of the
     state that solves of the model may leave, in the norm of the energy; constant: whether something that no current
     drives makes a field, too; iron: "linear", "linearised", "table" or "model"; remembered: what iron with hysteresis
-    remembers where a run begins, of the C core; empty for other iron."""
+    remembers where a run begins, of the C core; empty for other iron; loop: size of the loops, A, whose slopes linear
+    models take (`linearise`), 0 for slopes of small changes."""
 
     block: Array
     assumptions: tuple[str, ...]
@@ -50,6 +51,7 @@ class FieldOfCurrents(Record):
     constant: bool = False
     iron: str = "linear"
     remembered: Array = field(default_factory=lambda: np.zeros(0))
+    loop: float = 0.0
 
     @cached_property
     def map(self) -> CoreMap:
@@ -182,7 +184,9 @@ def superposed(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
     return _following(field_map, scale, "linear")
 
 
-def linearised(field_map: FieldMap, currents: ArrayLike, scale: float = 1.0) -> FieldOfCurrents:
+def linearised(
+    field_map: FieldMap, currents: ArrayLike, scale: float = 1.0, loop: float | None = None
+) -> FieldOfCurrents:
     """The field of a map of saturating iron, linear in the currents about given ones: fast, and right near
     them only.
 
@@ -194,6 +198,8 @@ def linearised(field_map: FieldMap, currents: ArrayLike, scale: float = 1.0) -> 
         Currents (n,), A, about which the field is linear.
     scale
         A calibration, by which all of the field is multiplied.
+    loop
+        A: with slopes of loops of this size, instead of derivatives, as for `FieldMap.by_currents`.
 
     Returns
     -------
@@ -205,10 +211,11 @@ def linearised(field_map: FieldMap, currents: ArrayLike, scale: float = 1.0) -> 
     amperes = np.asarray(currents, float)
     about = ", ".join(f"{value:.3g}" for value in amperes)
     note = f"saturating iron, linearised about the currents {about} A"
-    return _following(field_map, scale, "linearised", note, tangent_block(field_map, amperes))
+    note += "" if loop is None else f", with slopes of loops of {loop:g} A"
+    return _following(field_map, scale, "linearised", note, tangent_block(field_map, amperes, loop))
 
 
-def modelled(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
+def modelled(field_map: FieldMap, scale: float = 1.0, loop: float = 0.0) -> FieldOfCurrents:
     """The field of a map of saturating iron at any currents: its model.
 
     The model is solved anew at every step at which currents change, each solve from the last ones. Currents
@@ -220,6 +227,8 @@ def modelled(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
         Opened map. One of linear iron is taken as it is.
     scale
         A calibration, by which all of the field is multiplied.
+    loop
+        A: linear models take the slopes of loops of this size.
 
     Returns
     -------
@@ -231,6 +240,7 @@ def modelled(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
     NotConverged
         Where the model has no solution in the domain.
     """
+    check_not_negative("modelled", loop=loop)
     if not saturates(field_map):
         return superposed(field_map, scale)
     model = CoreIron(core_numbers(compiled_currents(field_map)))
@@ -241,7 +251,8 @@ def modelled(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
         which = f"iron with hysteresis, which remembers what made its state at {begin} A,"
     note = f"{which} by the map's model, solved at every step at which currents change, to "
     note += f"{COMPILED_TOLERANCE:g} of its state"
-    return replace(_following(field_map, scale, "model", note, model=model), remembered=remembered)
+    found = _following(field_map, scale, "model", note, model=model)
+    return replace(found, remembered=remembered, loop=loop)
 
 
 def tabled(

@@ -3,6 +3,7 @@ itself: poles, the axes they move, controllability, observability, coupling."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -12,11 +13,13 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check, check_signal
 from fieldmap.control import StateSpace
-from fieldmap.core.machine import ANGULAR_VELOCITY, INSIDE, STATE, TURN, VELOCITY, rotation
+from fieldmap.core.machine import ANGULAR_VELOCITY, INSIDE, STATE, TURN, VELOCITY, CoreMachine, rotation
+from fieldmap.dynamics.field_of_currents import EXACT
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.operating_point import OperatingPoint
 from fieldmap.errors import OutsideMapError
+from fieldmap.lookup.current_model import with_secants
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -112,6 +115,11 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
     has a corner they are the mean of both sides. Amplifiers steer currents (2): a winding's R and L bound how fast a
     large change goes and have no part in a small one.
 
+    The slopes by the outputs of iron with hysteresis are those of loops, docs/theory/hysteresis.md (6), about the
+    operating point, to which the currents go straight from the memory: each output swings so that the current that it
+    changes most swings by `FieldOfCurrents.loop` to either side, by 5 mA unless that is given. With a loop that is
+    given, slopes of other iron are central differences over it.
+
     Parameters
     ----------
     machine
@@ -132,7 +140,7 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
     body, state, coils = machine.body, operating_point.state, machine.drive.coils
     core, out = replace(machine, walls=None).core(1.0, search=True), np.empty(STATE)
 
-    def rates(deviation: Array) -> Array:
+    def rates(deviation: Array, core: CoreMachine = core) -> Array:
         """Of position, turn, velocity, angular velocity (12,), without that of the turn, about the operating point."""
         moved = _moved(state, deviation[:12])
         core.follow(operating_point.currents + deviation[12:])
@@ -152,6 +160,11 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
     for k in (*rows, *range(12, 12 + coils)):
         direction = np.eye(len(steps))[k] * steps[k]
         slopes[:, k] = np.sum([share * rates(at * direction) for at, share in _STENCIL], axis=0) / steps[k]
+    commanded = machine.drive.amplifier.gain * machine.allocation.derivative(operating_point.outputs)
+    loop: tuple[str, ...] = ()
+    if machine.magnetic.loop or machine.magnetic.remembered.size:
+        slopes[:, 12:] = _of_loops(machine, rates, slopes[:, 12:], commanded)
+        loop = (f"slopes by the currents of loops of {machine.magnetic.loop or _CURRENT_STEP:g} A",)
     # The turn follows the angular velocity, which is zero there: exact to first order.
     slopes[3:6, 9:12], slopes[:6, 12:] = np.eye(3), 0.0
     A, by_current = slopes[np.ix_(rows, rows)], slopes[rows, 12:]
@@ -161,7 +174,6 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
     pushed = np.block([[np.eye(3) / body.mass, zeros], [zeros, R.T / body.inertia[:, None]]])
     G = np.vstack([np.zeros((6, 6)), pushed])[rows]
     names = tuple(MOTION[row] for row in rows)
-    commanded = machine.drive.amplifier.gain * machine.allocation.derivative(operating_point.outputs)
     B = by_current @ commanded
     tau, late = machine.drive.time_constant, " at once; supply and inductance only bound large changes"
     if tau:
@@ -172,6 +184,7 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
         late = f" with a time constant of {1e3 * tau:g} ms"
     assumptions = (
         *machine.assumptions,
+        *loop,
         "small deviations from the operating point: no limits, no walls, no converters' steps",
         "currents follow their commands" + late,
     )
@@ -179,6 +192,25 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
     return LinearMachine(
         A, B, C, np.zeros((3, B.shape[1])), G, names, inputs, axes, operating_point, assumptions
     )
+
+
+def _of_loops(
+    machine: Machine, rates: Callable[[Array, CoreMachine], Array], slopes: Array, commanded: Array
+) -> Array:
+    """Slopes (12, n) of `rates` by the currents that are those of loops along each output, commanded (n, outputs), and
+    elsewhere as given."""
+    most, size = np.abs(commanded).max(axis=0), machine.magnetic.loop or _CURRENT_STEP
+    swings = commanded * np.divide(size, most, out=np.zeros_like(most), where=most > 0.0)
+    on_path = replace(machine, walls=None, magnetic=replace(machine.magnetic, tolerance=EXACT))
+    secants = []
+    for swing in swings.T:
+        core, still = on_path.core(1.0), np.zeros(12)
+        # To the operating point, and twice round.
+        *_, plus, minus = [
+            rates(np.append(still, turn * swing), core) for turn in (0.0, 1.0, -1.0, 1.0, -1.0)
+        ]
+        secants.append(0.5 * (plus - minus))
+    return with_secants(slopes, np.transpose(secants), swings)
 
 
 def _moved(state: Array, deviation: ArrayLike) -> Array:

@@ -165,7 +165,8 @@ class MagnetBalance(ABC):
 
     def force_per_signal(self, position: Array, signals: Array, steps: Array) -> Array:
         """Slopes of the magnetic force by signals, by central differences: exact for a field that is linear in the
-        currents, of second order in the steps where iron saturates.
+        currents, of second order in the steps where iron saturates. In a map of iron with hysteresis they are taken
+        between the ends of the second of two loops (docs/theory/hysteresis.md, (6)).
 
         Parameters
         ----------
@@ -182,13 +183,16 @@ class MagnetBalance(ABC):
             Slopes (3, k), N per unit of each signal.
         """
 
-        def force(change: Array) -> Array:
-            return replace(self, currents=self.currents + change).magnetic_force(position[None, :])[0]
+        def force(source: Field, change: Array) -> Array:
+            return replace(self, source=source, currents=self.currents + change).magnetic_force(
+                position[None, :]
+            )[0]
 
-        slopes = [
-            (force(step * signal) - force(-step * signal)) / (2.0 * step)
-            for signal, step in zip(signals.T, steps, strict=True)
-        ]
+        after_loop = getattr(self.source, "after_loop", lambda currents, swing: self.source)
+        slopes = []
+        for swing, step in zip((signals * steps).T, steps, strict=True):
+            looped = after_loop(self.currents, swing)
+            slopes.append((force(looped, swing) - force(looped, -swing)) / (2.0 * step))
         return np.column_stack(slopes)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import checked_vectors
+from fieldmap.arguments import check_positive, checked_vectors
 from fieldmap.errors import InputError
 from fieldmap.field import AnyField, Field, as_field, coil_currents
 from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns
@@ -97,6 +97,7 @@ def actuation(
     currents: Any,
     moment: ArrayLike | MagneticBody | None = None,
     orientation: ArrayLike | None = None,
+    loop: float | None = None,
 ) -> Actuation:
     """What each coil's ampere does at a position: the matrix about given currents.
 
@@ -116,6 +117,9 @@ def actuation(
         Of a dipole (3,), A m^2, or a `MagneticBody`; none for the flux densities alone.
     orientation
         Of a body: rotation (3, 3) whose columns are its axes; upright unless given.
+    loop
+        A: slopes of loops of this size, instead of derivatives, as for `FieldMap.by_currents`. Of a field that
+        superposes they are the same.
 
     Returns
     -------
@@ -126,17 +130,19 @@ def actuation(
     Raises
     ------
     InputError
-        For a field that neither superposes nor has derivatives by its currents.
+        For a field that neither superposes nor has derivatives by its currents, and for a loop that is not positive.
     """
+    if loop is not None:
+        check_positive("actuation", loop=loop)
     rows: tuple[str, ...] = FIELD_ROWS + GRADIENT_ROWS
     selection = _SELECTED
     if isinstance(moment, MagneticBody):
-        field_rows = _selected(field, position, rows, selection, currents)
-        return _joined(field_rows, _on_body(field, position, moment, currents, orientation))
+        field_rows = _selected(field, position, rows, selection, currents, loop)
+        return _joined(field_rows, _on_body(field, position, moment, currents, orientation, loop))
     if moment is not None:
         rows += FORCE_ROWS + TORQUE_ROWS
         selection = np.concatenate([_SELECTED, dipole_rows(_one(moment))])
-    return _selected(field, position, rows, selection, currents)
+    return _selected(field, position, rows, selection, currents, loop)
 
 
 def field_actuation(field: AnyField, position: ArrayLike, currents: Any = None) -> Actuation:
@@ -239,7 +245,9 @@ def dipole_rows(moment: Array) -> Array:
     return np.concatenate([force, np.hstack([turn, np.zeros((3, 9))])])
 
 
-def _derivatives(source: Field, points: Array, currents: Any) -> tuple[Array, Array, Array, Array]:
+def _derivatives(
+    source: Field, points: Array, currents: Any, loop: float | None
+) -> tuple[Array, Array, Array, Array]:
     """B and gradient per ampere, (p, n, 3) and (p, n, 3, 3), at points (p, 3), and their rest (p, 3) and (p, 3, 3): the
     sum of both is the field at any currents, of saturating iron to first order about `currents`."""
     by_currents = getattr(source, "by_currents", None)
@@ -248,13 +256,19 @@ def _derivatives(source: Field, points: Array, currents: Any) -> tuple[Array, Ar
         by_flux, by_slope = source.unit_field(points), source.unit_gradient(points)
         return by_flux, by_slope, source.constant_field(points), source.constant_gradient(points)
     amperes = coil_currents(currents, source.coil_names)
-    flux, slope, by_flux, by_slope = by_currents(points, amperes)
+    loops = {} if loop is None else {"loop": loop}
+    flux, slope, by_flux, by_slope = by_currents(points, amperes, **loops)
     flux = flux - np.einsum("pni,n->pi", by_flux, amperes)
     return by_flux, by_slope, flux, slope - np.einsum("pnij,n->pij", by_slope, amperes)
 
 
 def _on_body(
-    field: AnyField, position: ArrayLike, body: MagneticBody, currents: Any, orientation: ArrayLike | None
+    field: AnyField,
+    position: ArrayLike,
+    body: MagneticBody,
+    currents: Any,
+    orientation: ArrayLike | None,
+    loop: float | None = None,
 ) -> Actuation:
     """Force and torque on a body about currents, and their derivatives by them."""
     source, turn = as_field(field), checked_turns(orientation, 1)[0]
@@ -263,7 +277,7 @@ def _on_body(
         raise InputError.of("actuation, currents", must_hold, "none", "give those of the operating point")
     coils = len(source.coil_names)
     amperes = np.zeros(coils) if currents is None else coil_currents(currents, source.coil_names)
-    by_flux, by_slope, *rest = _derivatives(source, _one(position) + body.all_points @ turn.T, amperes)
+    by_flux, by_slope, *rest = _derivatives(source, _one(position) + body.all_points @ turn.T, amperes, loop)
     # What the currents do not drive, or drive in another way than in proportion, is one more field, of weight 1.
     every = [np.concatenate([a, b[:, None]], axis=1) for a, b in zip((by_flux, by_slope), rest, strict=True)]
     wrench, slopes = body.by_fields(every[0], every[1], turn)(np.append(amperes, 1.0))
@@ -281,11 +295,16 @@ def _joined(one: Actuation, other: Actuation) -> Actuation:
 
 
 def _selected(
-    field: AnyField, position: ArrayLike, rows: tuple[str, ...], selection: Array, currents: Any
+    field: AnyField,
+    position: ArrayLike,
+    rows: tuple[str, ...],
+    selection: Array,
+    currents: Any,
+    loop: float | None = None,
 ) -> Actuation:
     """selection (rows, 12) of (B, G row by row) and its derivatives by the currents."""
     source = as_field(field)
-    by_flux, by_slope, flux, slope = _derivatives(source, _one(position)[None], currents)
+    by_flux, by_slope, flux, slope = _derivatives(source, _one(position)[None], currents, loop)
 
     def chosen(flux: Array, slope: Array) -> Array:
         both = np.concatenate([flux, slope.reshape(*flux.shape[:-1], 9)], axis=-1)

@@ -9,7 +9,8 @@ from functools import cached_property, partial
 import numpy as np
 
 from fieldmap.arguments import check
-from fieldmap.core.iron import BEYOND, FOUND, NOT_CONVERGED, CoreIron, IronState, last_currents
+from fieldmap.constants import MU0
+from fieldmap.core.iron import BEYOND, FOUND, NOT_CONVERGED, CoreIron, IronState, heat_of, last_currents
 from fieldmap.core.iron_numbers import CompiledModel, core_numbers
 from fieldmap.currents import ROUNDING, TOLERANCE, IndependentCurrents
 from fieldmap.errors import OutsideMapError, Problem
@@ -24,8 +25,11 @@ _TIGHT, _OF_SEARCH = 1e-8, 1e-10
 # Tolerance of lookups from Python. With it two solves of the same currents that begin at different states agree within
 # 1e-6. The extra step of Newton's method costs less than the call itself.
 _OF_LOOKUPS = 5e-7
-# Of the steps of iron with hysteresis, each of which begins where the last one ended.
-_OF_STEPS = 1e-7
+# Of the steps of iron with hysteresis, each of which begins where the last one ended. Ends of small loops differ little
+# from each other.
+_OF_STEPS, _OF_LOOPS = 1e-7, 1e-10
+# Size of a loop, as a share of the largest currents, after which no cell stands at the end of its play.
+_FREEING = 1e-5
 _REMEDY = 'make a map with a wider [currents], or open this one with outside_currents="evaluate"'
 
 
@@ -137,12 +141,46 @@ class CurrentModel:
             self._solve(row, out)
         return result.reshape(*currents.shape[:-1], -1)
 
-    def weights_and_slopes(self, currents: Array) -> tuple[Array, Array]:
-        """`weights` of one set of currents (c,), and their derivatives (n_fields, c) by the currents, 1/A."""
+    def weights_and_slopes(self, currents: Array, loop: float | None = None) -> tuple[Array, Array]:
+        """`weights` of one set of currents (c,), and their slopes (n_fields, c) by the currents, 1/A.
+
+        Slopes are derivatives, at the currents of the memory those of smallest loops. With `loop` (A) they are those of
+        loops of this size: see `FieldMap.by_currents`.
+        """
         weights = np.empty(len(currents) + self.fields_beside_coils)
         slopes = np.empty((len(weights), len(currents)))
-        self._solve(np.array(currents), weights, slopes)
-        return weights, slopes
+        of = self
+        if self.model.remembers and np.array_equal(currents, self.last_currents):
+            of = self._freed()
+        of._solve(np.array(currents), weights, slopes)
+        if loop is None:
+            return weights, slopes
+        swings, secants = self._swings(currents, loop), []
+        for swing in swings.T:
+            plus = self.after_loop(currents, swing)
+            minus = plus.along((currents - swing)[None], _OF_LOOPS)
+            secants.append(0.5 * (plus.weights(currents + swing) - minus.weights(currents - swing)))
+        return weights, with_secants(slopes, np.transpose(secants), swings)
+
+    def after_loop(self, currents: Array, swing: Array) -> CurrentModel:
+        """The same iron in the middle of the second of two loops, at currents (c,) plus `swing` (c,), be they in the
+        domain or not. Raises NotConverged."""
+        if not self.model.remembers:
+            return self
+        return self.along(currents + np.outer([0.0, 1.0, -1.0, 1.0], swing), _OF_LOOPS)
+
+    def _swings(self, currents: Array, loop: float) -> Array:
+        """Changes (c, d) of the currents by each signal, up to `loop` of the current that changes most."""
+        of = self.model.parametrisation
+        slopes = of.derivative(of.nearest(currents).values)
+        most = np.abs(slopes).max(axis=0)
+        return np.asarray(slopes * np.divide(loop, most, out=np.zeros_like(most), where=most > 0.0))
+
+    def _freed(self) -> CurrentModel:
+        """This iron after a loop so small that it only moves cells from the ends of their play. Which of those that
+        stand there would move at the same currents is rounding."""
+        swing = _FREEING * self.model.domain.largest
+        return self.along(self.last_currents + np.outer([1.0, -1.0, 0.0], swing), _OF_LOOPS)
 
     def search(self) -> CurrentSearch:
         """A new search. It ends an earlier search in this thread: both use the same memory."""
@@ -185,11 +223,11 @@ class CurrentModel:
             raise OutsideMapError(problem)
         return self.along(currents[None])
 
-    def along(self, path: Array) -> CurrentModel:
+    def along(self, path: Array, tolerance: float = _OF_STEPS) -> CurrentModel:
         """The same iron after straight steps to currents (n, c), be they in the domain or not. Raises NotConverged."""
         state, weights = self._new_state(), np.empty(self.model.coil_count + self.fields_beside_coils)
         for row in np.array(path, dtype=np.float64, order="C"):
-            if state.step(row, weights, tolerance=_OF_STEPS) != FOUND:
+            if state.step(row, weights, tolerance=tolerance) != FOUND:
                 raise not_converged(row, state.left)
         return self.remembering(state.remembered)
 
@@ -204,6 +242,11 @@ class CurrentModel:
     def last_currents(self) -> Array:
         """Currents (c,), A, to which the last step went; zero for iron that was never magnetised."""
         return last_currents(self.remembered, self.model.coil_count)
+
+    @property
+    def dissipated(self) -> float:
+        """What the iron turned into heat on its path since it was demagnetised, J."""
+        return heat_of(self.remembered) / MU0
 
     def _state(self, name: str) -> IronState:
         """The state in which solves of this name begin and end, one for each thread."""
@@ -280,6 +323,12 @@ class CurrentModel:
         largest = float(np.abs(currents[k]))
         must_hold = f"must not exceed {largest / (1.0 + excess):g} A, up to which the map was made"
         return Problem(f"current of coil {self._names[k]}", must_hold, f"{largest:g} A", _REMEDY)
+
+
+def with_secants(slopes: Array, secants: Array, swings: Array) -> Array:
+    """Slopes (n, c) by currents that have changes `secants` (n, d) along changes `swings` (c, d) of the currents, and
+    across them are as they were."""
+    return np.asarray(slopes + (secants - slopes @ swings) @ np.linalg.pinv(swings))
 
 
 def require_no_memory(remembers: bool, where: str) -> None:

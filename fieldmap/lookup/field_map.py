@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check, checked_vectors, raise_all
+from fieldmap.arguments import check, check_positive, checked_vectors, raise_all
 from fieldmap.core.caller import caller
 from fieldmap.core.current_table import CoreTable
 from fieldmap.core.iron import IronState
@@ -245,11 +245,61 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         """
         return self._with(self._remembering("step").stepped(self._amperes(currents)))
 
+    def after_loop(self, currents: Any, swing: ArrayLike) -> FieldMap:
+        """This map in the middle of the second of two loops about currents, to which a straight path leads.
+
+        Its field at the currents plus `swing`, where it stands, and minus `swing`, at the other end of the loop, tell
+        the slope of the loop: docs/theory/hysteresis.md (6).
+
+        Parameters
+        ----------
+        currents
+            A: (n_coils,), one number for all coils, or a mapping by name.
+        swing
+            Change (n_coils,) of the currents to either side, A.
+
+        Returns
+        -------
+        FieldMap
+            A map with the same fields; this one if its iron has no hysteresis.
+
+        Raises
+        ------
+        NotConverged
+            Where the model has no solution.
+
+        Examples
+        --------
+        >>> m = open_map("maps/out/remembering.h5")                                   # doctest: +SKIP
+        >>> looped, place = m.after_loop(1.55, 6 * [0.02]), [0, 0, -0.09]             # doctest: +SKIP
+        >>> slope = (looped.field(place, 1.57) - looped.field(place, 1.53)) / 0.04    # doctest: +SKIP
+        """
+        if self._model is None or not self.remembers:
+            return self
+        return self._with(self._model.after_loop(self._amperes(currents), self._amperes(swing)))
+
     @property
     def last_currents(self) -> Array:
         """Currents (n_coils,), A, at which the memory stands: those of the last step, or of the end of its history.
         Raises InputError for a map of iron without hysteresis."""
         return self._remembering("last_currents").last_currents
+
+    @property
+    def dissipated(self) -> float:
+        """Hysteresis loss, J: what the iron turned into heat since it was demagnetised, its history included.
+
+        Each step adds equation (5) of docs/theory/hysteresis.md, which is never negative. The heat of a path is the
+        difference of two memories; over a closed cycle it is the energy that the coils deliver. Eddy currents are no
+        part of it. Raises InputError for a map of iron without hysteresis.
+
+        Examples
+        --------
+        >>> m = open_map("maps/out/remembering.h5")                                   # doctest: +SKIP
+        >>> before = m.memory("shaken")                                               # doctest: +SKIP
+        >>> after = before.step(2.0).step(before.last_currents)                       # doctest: +SKIP
+        >>> print(f"{after.dissipated - before.dissipated:.2g} J")                    # doctest: +SKIP
+        """
+        return self._remembering("dissipated").dissipated
 
     @property
     def remembered(self) -> Array:
@@ -687,6 +737,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         currents: Any,
         moment: ArrayLike | MagneticBody | None = None,
         orientation: ArrayLike | None = None,
+        loop: float | None = None,
     ) -> Actuation:
         """What each coil's ampere does at a position, for linear or saturating iron.
 
@@ -703,6 +754,8 @@ class FieldMap(Field, own_shapes=ONE_POINT):
             Of a dipole (3,), A m^2, or a `MagneticBody`; none for the flux densities alone.
         orientation
             Of a body: rotation (3, 3) whose columns are its axes; upright unless given.
+        loop
+            A: slopes of loops of this size, instead of derivatives, as for `by_currents`.
 
         Returns
         -------
@@ -714,8 +767,10 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         ------
         OutsideMapError
             As for `field`.
+        InputError
+            For a loop that is not positive.
         """
-        return actuation(self, position, currents, moment, orientation)
+        return actuation(self, position, currents, moment, orientation, loop)
 
     def currents_for(
         self,
@@ -858,7 +913,9 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         _, slope, single = self._units(points, 3)
         return slope[0] if single else slope
 
-    def by_currents(self, points: ArrayLike, currents: Any) -> tuple[Array, Array, Array, Array]:
+    def by_currents(
+        self, points: ArrayLike, currents: Any, loop: float | None = None
+    ) -> tuple[Array, Array, Array, Array]:
         """Flux density and gradient, and their derivatives by the currents.
 
         For a map that superposes, the derivatives are `unit_field` and `unit_gradient`, whatever the currents.
@@ -867,12 +924,20 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         training of a map made for divided currents has no state of a single coil: derivatives by the current of one
         coil are off by up to 42 %, as a rule 5 % (docs/theory/current_dependence.md).
 
+        Of iron with hysteresis they are, at the currents of the memory, the reversible slope, that of smallest loops;
+        elsewhere those of the field at the end of the straight path. With `loop` they are the slopes of loops, between
+        the ends of the second of two loops about the currents, which begin as a straight path from the memory
+        (docs/theory/hysteresis.md, (6)). Slopes of iron without hysteresis then are central differences.
+
         Parameters
         ----------
         points
             Positions (n, 3) in the frame of the map, m.
         currents
             Currents (n_coils,), A.
+        loop
+            Size of the loops, A: to either side, of the current that changes most. One signal of the map's
+            parametrisation swings at a time, of independent currents one coil. Derivatives unless given.
 
         Returns
         -------
@@ -882,13 +947,17 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         Raises
         ------
         OutsideMapError
-            As for `field`.
+            As for `field`, and for loops beyond the domain.
+        InputError
+            For a loop that is not positive.
         """
         amperes = self._amperes(currents)
+        if loop is not None:
+            check_positive("by_currents", loop=loop)
         if self._model is None:
             both = self.field_and_gradient(points, amperes)
             return *both, self.unit_field(points), self.unit_gradient(points)
-        weights, slopes = self._model.weights_and_slopes(amperes)
+        weights, slopes = self._model.weights_and_slopes(amperes, loop)
         where, single = checked_vectors("points", points)
         n, coils = len(where), len(amperes)
         flux, slope = np.empty((n, len(slopes), 3)), np.empty((n, len(slopes), 3, 3))

@@ -14,6 +14,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fieldmap.arguments import check_positive
 from fieldmap.core import CoreMap
 from fieldmap.core import block as map_block
 from fieldmap.core.iron_numbers import CompiledModel
@@ -117,7 +118,7 @@ def division_domain(field_map: FieldMap) -> tuple[Array, Array, float] | None:
     return model.model.lower, model.model.upper, float(model.model.parametrisation.n)
 
 
-def iron_weights(field_map: FieldMap, currents: ArrayLike) -> tuple[Array, Array]:
+def iron_weights(field_map: FieldMap, currents: ArrayLike, loop: float | None = None) -> tuple[Array, Array]:
     """Weights of the fields of the iron and the background, and their derivatives by the currents.
 
     Parameters
@@ -126,6 +127,8 @@ def iron_weights(field_map: FieldMap, currents: ArrayLike) -> tuple[Array, Array
         A map of saturating iron.
     currents
         (s, n), A.
+    loop
+        A: slopes of loops of this size, instead of derivatives, as for `FieldMap.by_currents`.
 
     Returns
     -------
@@ -135,14 +138,16 @@ def iron_weights(field_map: FieldMap, currents: ArrayLike) -> tuple[Array, Array
     Raises
     ------
     InputError
-        For a linear map.
+        For a linear map, and for a loop that is not positive.
     OutsideMapError
         For currents outside the domain.
     """
+    if loop is not None:
+        check_positive("iron_weights", loop=loop)
     model = _model(field_map)
     amperes = coil_currents(currents, field_map.coil_names, len(np.atleast_2d(currents)), finite=False)
     rows = np.ascontiguousarray(np.atleast_2d(amperes))
-    found = [model.weights_and_slopes(row) for row in rows]
+    found = [model.weights_and_slopes(row, loop) for row in rows]
     coils = len(field_map.coil_names)
     return np.array([weights[coils:] for weights, _ in found]), np.array([s[coils:] for _, s in found])
 
@@ -196,7 +201,7 @@ def table_of_currents(field_map: FieldMap, nodes: tuple[int, int, int] | None = 
     return made[nodes]
 
 
-def tangent_block(field_map: FieldMap, currents: ArrayLike) -> Array:
+def tangent_block(field_map: FieldMap, currents: ArrayLike, loop: float | None = None) -> Array:
     """A block of n_coils + 1 fields whose sum with weights (i, 1) touches the map at given currents.
 
     Parameters
@@ -205,6 +210,8 @@ def tangent_block(field_map: FieldMap, currents: ArrayLike) -> Array:
         Opened map of saturating iron.
     currents
         Currents (n_coils,), A.
+    loop
+        As for `iron_weights`.
 
     Returns
     -------
@@ -214,10 +221,10 @@ def tangent_block(field_map: FieldMap, currents: ArrayLike) -> Array:
     Raises
     ------
     InputError
-        For a map that superposes.
+        As `iron_weights`.
     """
     amperes = coil_currents(currents, field_map.coil_names)
-    values, slopes = iron_weights(field_map, amperes[None])
+    values, slopes = iron_weights(field_map, amperes[None], loop)
     n = len(amperes)
     mix = np.zeros((n + 1, n + values.shape[1]))
     mix[:n, :n], mix[:n, n:] = np.eye(n), slopes[0].T

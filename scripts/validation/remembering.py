@@ -2,17 +2,23 @@
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
+from scipy.interpolate import PPoly
 
 import fieldmap as fm
+from fieldmap.constants import MU0
 from fieldmap.currents import CurrentDomain, LiftAndDirections
 from fieldmap.histories import history_of_currents
 from fieldmap.iron import HysteresisSolver, IronMemory
 from fieldmap.lookup import FieldMap
+from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.maps import read_recipe
 from fieldmap.maps.fields import box_surface
 from fieldmap.maps.training.paths import random_path
+from fieldmap.store import ReducedModel
 from validation.row import Array, Row
 
 RECIPE = "remembering"
@@ -21,6 +27,7 @@ PATHS, FIRST_PATH = 10, 100_000
 FLUX_DENSITY, GRADIENT, SLOPE = 5e-3, 8e-3, 0.03
 """Allowed errors: of B and gradient as shares of the largest of the state, and of the slope of small loops."""
 WIDTHS = (0.005, 0.02, 0.1)
+HEAT, ENERGY, CYCLES = 0.01, 1e-6, (400, 800)
 MANY, STEP_SECONDS = 1000, 0.5e-3
 # The place at which the magnet of the thesis rests: 10 mm below the pole disk.
 _PLACE = np.array([0.0, 0.0, -0.087])
@@ -49,6 +56,15 @@ def remembering_map() -> Iterator[Row]:
         )
         own = float(errors[:, 2 + k].max() / (stated.flux_density, stated.gradient)[k])
         yield Row(case, f"true by stated error of {what}", own, 1.05, "full solver", *cost, found)
+    heat, loss = errors[:, 4:].reshape(PATHS, -1, 2).sum(axis=1).T
+    off = float(np.abs(heat / loss - 1.0).max())
+    yield Row(case, f"error of the heat of a path, {PATHS} paths", off, HEAT, "full solver", *cost, found)
+    off = _energy_left(opened, reduced)
+    yield Row(
+        case, "delivered less stored by heat, a cycle", off, ENERGY, "energy of the coils", *cost, found
+    )
+    off = _without_pinning(reduced)
+    yield Row(case, "without pinning", off, 1e-9, "the model without cells", *cost, found)
     for name, value in _small_loops(opened, solver, level):
         yield Row(case, f"slope of the pull, {name}", value, SLOPE, "full solver", *cost, found)
     failed, seconds = _many_paths(opened, domain, level)
@@ -67,7 +83,8 @@ def followed(solver: HysteresisSolver, path: Array, memory: IronMemory | None = 
 def _along_paths(
     opened: FieldMap, solver: HysteresisSolver, domain: CurrentDomain, level: Array
 ) -> Iterator[tuple[float, ...]]:
-    """At each step errors of B and gradient as shares of the largest of the state, and in T and T/m."""
+    """At each step errors of B and gradient as shares of the largest of the state, and in T and T/m; heat of map and
+    solver, J."""
     points = box_surface(opened.info.grid)
     # A point on an edge of the box may lie outside it by rounding.
     points = np.clip(points, opened.lower, opened.upper)
@@ -79,11 +96,11 @@ def _along_paths(
         path = random_path(domain, level, number)
         memory, ours = begin[path.history], opened.memory(path.history)
         for currents in path.currents:
-            state = solver.step(currents, memory)
+            state, before = solver.step(currents, memory), ours.dissipated
             memory, ours = state.memory, ours.step(currents)
             pairs = zip(ours.field_and_gradient(points, currents), _fields(state, points), strict=True)
             off = [(_largest(one - other), _largest(other)) for one, other in pairs]
-            yield (*(a / b for a, b in off), *(a for a, _ in off))
+            yield (*(a / b for a, b in off), *(a for a, _ in off), ours.dissipated - before, state.loss)
 
 
 def _fields(state: object, points: Array) -> tuple[Array, Array]:
@@ -115,6 +132,54 @@ def _small_loops(opened: FieldMap, solver: HysteresisSolver, level: Array) -> It
             pair = np.array(pulls)
             one, other = (pair[5] - pair[7])[:, (axis + 2) % 3]
             yield f"loops of {width:g} of {name}", float(abs(one / other - 1.0))
+
+
+def _energy_left(opened: FieldMap, reduced: ReducedModel) -> float:
+    """What the coils deliver in a cycle of all currents, less what the iron then stores more, by the heat, less 1. Both
+    from what the cells remember, in numpy; the error of second order of the trapezoidal rule is extrapolated."""
+    errors = []
+    for count in CYCLES:
+        turn = 2.0 * np.pi * np.arange(count + 1)[:, None] / count
+        path = opened.last_currents * (1.0 + 0.3 * np.sin(turn))
+        memory, found = opened, []
+        for currents in (*path, *path):
+            memory = memory.step(currents)
+            found.append((*_linkages_and_energy(memory, reduced), memory.dissipated))
+        linkages, energy, heat = (np.array(part) for part in zip(*found[count + 1 :], strict=True))
+        delivered = float(np.sum(0.5 * (path[1:] + path[:-1]) * np.diff(linkages, axis=0)))
+        errors.append((delivered - energy[-1] + energy[0]) / (heat[-1] - heat[0]) - 1.0)
+    return abs(4.0 * errors[1] - errors[0]) / 3.0
+
+
+def _linkages_and_energy(memory: FieldMap, reduced: ReducedModel) -> tuple[Array, float]:
+    """Flux linkages (c,), Wb, by the iron, and energy of iron and air, J."""
+    points, cells = len(reduced.weights), len(reduced.shares)
+    r = memory.remembered[-4 * points * cells :].reshape(points, cells, 4)[..., :3]
+    size, j, stored = np.linalg.norm(r, axis=2), np.zeros((points, cells)), np.zeros((points, cells))
+    for law, (first, end) in enumerate(pairwise(reduced.law_offset)):
+        curve = PPoly(reduced.law_coefficients[first:end].T, np.append(reduced.law_knots[first:end], 1e3))
+        at = reduced.law == law
+        j[at] = curve(size[at]) - size[at]
+        stored[at] = size[at] * j[at] - curve.antiderivative()(size[at]) + size[at] ** 2 / 2.0
+    along = np.divide(j, size, out=np.zeros_like(j), where=size > 0.0)
+    moments = (reduced.weights[:, None] * np.einsum("pk,pkd,k->pd", along, r, reduced.shares)).ravel()
+    right = moments @ reduced.gradients.astype(np.float32).astype(float) + reduced.constant
+    air = 0.5 * right @ np.linalg.solve(reduced.air, right)
+    return moments @ reduced.source / MU0, float((reduced.weights @ stored @ reduced.shares + air) / MU0)
+
+
+def _without_pinning(reduced: ReducedModel) -> float:
+    """Largest difference, as a share, of the weights of a model whose cells have no pinning, from one without cells."""
+    free = replace(reduced, pinning=0.0 * reduced.pinning)
+    bare = replace(reduced, pinning=np.zeros((0, 0)), shares=np.zeros(0))
+    names = tuple(map(str, range(reduced.coil_count)))
+    level, worst = reduced.known_currents[0], 0.0
+    models = [CurrentModel(one, names).along(level[None]) for one in (free, bare)]
+    for number in range(PATHS):
+        for currents in random_path(reduced.domain, level, number).currents[:3]:
+            one, other = (model.search().weights_and_slopes(currents)[0] for model in models)
+            worst = max(worst, float(np.abs(one - other).max() / np.abs(other).max()))
+    return worst
 
 
 def _many_paths(opened: FieldMap, domain: CurrentDomain, level: Array) -> tuple[int, float]:

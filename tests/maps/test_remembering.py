@@ -13,10 +13,11 @@ from fieldmap.dynamics.field_of_currents import modelled, tabled
 from fieldmap.errors import InputError, OutsideMapError, RecipeError
 from fieldmap.histories import history_of_currents
 from fieldmap.interop import jax_field, write_c_iron_map
-from fieldmap.iron import HysteresisSolver
+from fieldmap.iron import HysteresisSolver, NonlinearSolver
+from fieldmap.lookup import interpolate
 from fieldmap.maps.training import hysteresis, paths, solved_paths
 from fieldmap.maps.training.model_error import Errors
-from fieldmap.store import check_map, read_info
+from fieldmap.store import check_map, read_info, read_map
 from tests.core.test_machine import body_numbers
 from tests.maps.conftest import DEVICES
 
@@ -86,17 +87,21 @@ def opened(made):
 
 @pytest.fixture(scope="module")
 def truth(device):
-    """Flux density (s, 3, 3) and gradient (s, 3, 3, 3) at the points, by the full solver, along a path of one
-    history."""
-    solver = HysteresisSolver(device, None, REFINEMENT)
+    """Flux density (s, 3, 3) and gradient (s, 3, 3, 3) at the points and loss (s,), by the full solver, along a path of
+    one history."""
+    solver, after = HysteresisSolver(device, None, REFINEMENT), {}
 
-    def solved_along(path):
-        memory, found = solver.demagnetised, []
-        for currents in [*history_of_currents(path.history, np.full(2, LEVEL)), *path.currents]:
+    def solved_along(history, path):
+        if history not in after:
+            after[history] = solver.demagnetised
+            for currents in history_of_currents(history, np.full(2, LEVEL)):
+                after[history] = solver.step(currents, after[history]).memory
+        memory, found = after[history], []
+        for currents in path:
             state = solver.step(currents, memory)
             memory = state.memory
-            found.append((state.field(POINTS), state.gradient(POINTS)))
-        return tuple(np.array(part) for part in zip(*found[-len(path.currents) :], strict=True))
+            found.append((state.field(POINTS), state.gradient(POINTS), state.loss))
+        return tuple(np.array(part) for part in zip(*found, strict=True))
 
     return solved_along
 
@@ -113,17 +118,54 @@ def test_a_stopped_run_solves_only_what_is_missing(made, opened):
 @pytest.mark.parametrize("number", [1001, 1003])
 def test_along_paths_that_no_training_saw_the_model_is_the_solver(opened, truth, number):
     path = paths.random_path(DOMAIN, np.full(2, LEVEL), number)
-    flux, slope = truth(path)
-    memory = opened.memory(path.history)
+    flux, slope, loss = truth(path.history, path.currents)
+    memory, heat = opened.memory(path.history), []
     error, bound = opened.current_error, opened.error_bound
     for k, currents in enumerate(path.currents):
+        before = memory.dissipated
         memory = memory.step(currents)
+        heat.append(memory.dissipated - before)
         b, g = memory.field_and_gradient(POINTS, currents)
         assert np.linalg.norm(b - flux[k], axis=1).max() < error.flux_density + bound.flux_density
         assert np.linalg.norm(g - slope[k], axis=(1, 2)).max() < error.gradient + bound.gradient
     # The error is small beside what the memory makes: the same currents, each straight from the level.
     straight = np.array([opened.field(POINTS, currents) for currents in path.currents])
     assert np.linalg.norm(straight - flux, axis=2).max() > 5.0 * error.flux_density
+    # Sample points are not chosen for the heat.
+    assert sum(heat) == pytest.approx(loss.sum(), rel=0.01)
+    np.testing.assert_allclose(heat, loss, rtol=0.03, atol=0.005 * loss.sum())
+
+
+@pytest.mark.parametrize("loop", [0.02, 0.3])
+def test_slopes_of_loops_are_those_of_the_solver(opened, truth, loop):
+    """The second of two loops of the left coil about the level, driven in the full solver."""
+    turns = np.array([1.0, -1.0, 1.0, -1.0])
+    flux, slope, _ = truth("shaken", LEVEL + loop * turns[:, None] * [1.0, 0.0])
+    _, _, by_flux, by_slope = opened.by_currents(POINTS, opened.last_currents, loop=loop)
+    for found, ends in ((by_flux[:, 0], flux), (by_slope[:, 0], slope)):
+        wanted = (ends[2] - ends[3]) / (2.0 * loop)
+        np.testing.assert_allclose(found, wanted, rtol=0.0, atol=2e-3 * np.abs(wanted).max())
+    reversible = opened.by_currents(POINTS, opened.last_currents)[2][:, 0]
+    assert np.abs(by_flux[:, 0] - reversible).max() > 5e-3 * np.abs(reversible).max()
+
+
+def test_with_its_cells_taken_away_a_map_is_that_of_saturating_iron(made, device):
+    """The model without cells, one with cells that have no pinning, and the solver of iron without hysteresis."""
+    data = read_map(made[0])
+    model = data.reduced_model
+    taken = replace(model, pinning=np.zeros((0, 0)), shares=np.zeros(0))
+    bare = interpolate(replace(data, reduced_model=taken))
+    free = interpolate(replace(data, reduced_model=replace(model, pinning=0.0 * model.pinning)))
+    solver = NonlinearSolver(device, REFINEMENT)
+    assert not bare.remembers
+    for currents in np.array([[0.9, -0.3], [0.2, 0.6], [-0.8, 0.5]]):
+        free = free.step(currents)
+        found = free.field(POINTS, currents)
+        expected = bare.field(POINTS, currents)
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
+        off = np.linalg.norm(found - solver.solve(currents).field(POINTS), axis=1).max()
+        assert off < 1.5 * data.current_error.flux_density
+    assert free.dissipated == 0.0
 
 
 def test_paths_begin_where_they_say_and_stay_in_the_domain():

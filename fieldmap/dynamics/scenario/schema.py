@@ -72,14 +72,24 @@ class FieldSettings(Record):
         ),
     ] = None
 
+    loop: Annotated[
+        Positive | None,
+        Key(
+            ...,
+            "size of loops of the currents, to either side; linear models and regulators take their slopes, for "
+            "hysteresis; slopes of small changes unless given",
+            "A",
+        ),
+    ] = None
+
     def field(self, opened: FieldMap, currents: Array) -> FieldOfCurrents:
         """The field as a function of the currents; "linearised" iron is linearised about currents (n,), A."""
         if self.iron == "linearised":
-            return linearised(opened, currents, self.scale)
+            return linearised(opened, currents, self.scale, self.loop)
         wanted = self.iron == "table" or (self.iron == "auto" and self.table is not None)
         if wanted and saturates(opened):
-            return tabled(opened, self.table, self.scale)
-        return modelled(opened, self.scale)
+            return replace(tabled(opened, self.table, self.scale), loop=self.loop or 0.0)
+        return modelled(opened, self.scale, self.loop or 0.0)
 
 
 @dataclass(frozen=True, repr=False)
