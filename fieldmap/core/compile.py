@@ -24,8 +24,16 @@ FOLDER = Path(__file__).parent
 COMPILER = "ziglang==0.17.1"
 """Requirement of an installation without CC."""
 # Products and sums are fused within an expression only, so that a point has the same bits alone and among others; and
-# mathematical functions set no error numbers. Nothing else changes results.
-_OPTIONS = ("-std=c99", "-O3", "-ffp-contract=on", "-fno-math-errno", "-fno-trapping-math", "-fvisibility=hidden", "-shared")
+# mathematical functions set no error numbers. Nothing else changes results. gcc computes both sides of a choice in vectors
+# if nobody looks at the exceptions of floating-point numbers.
+_OPTIONS = (
+    "-std=c99",
+    "-O3",
+    "-ffp-contract=on",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-fvisibility=hidden",
+)
 # By machine: processors for which a library is compiled, from the one that any has to the newest.
 _PROCESSORS = {"x86_64": ("x86-64-v2", "x86-64-v3", "x86-64-v4")}
 _MACHINES = {"AMD64": "x86_64", "x86-64": "x86_64", "arm64": "aarch64"}
@@ -100,7 +108,17 @@ def compile_libraries(
         with tempfile.TemporaryDirectory(dir=FOLDER) as folder:
             new = Path(folder, path.name)
             # The user's own options come behind, and win.
-            command = [*chosen, *_OPTIONS, *own, *headers, "-o", str(new), str(FOLDER / "python.c"), *linked]
+            command = [
+                *chosen,
+                *_OPTIONS,
+                "-shared",
+                *own,
+                *headers,
+                "-o",
+                str(new),
+                str(FOLDER / "python.c"),
+                *linked,
+            ]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             if done.returncode:
                 raise RuntimeError(f"{shlex.join(command)}\n{done.stderr}")
