@@ -24,8 +24,8 @@ FOLDER = Path(__file__).parent
 COMPILER = "ziglang==0.17.1"
 """Requirement of an installation without CC."""
 # Products and sums are fused within an expression only, so that a point has the same bits alone and among others; and
-# mathematical functions set no error numbers. Nothing else changes results. gcc computes both sides of a choice in vectors
-# if nobody looks at the exceptions of floating-point numbers.
+# mathematical functions set no error numbers. Nothing else changes results. With exceptions of floating-point
+# numbers, which nobody reads, gcc would not compute both sides of a choice in vectors.
 _OPTIONS = (
     "-std=c99",
     "-O3",
