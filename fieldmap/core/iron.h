@@ -929,6 +929,8 @@ static inline size_t fieldmap_iron_copy(fieldmap_iron_state *s, double *out, con
         used += sizes[i];
     }
     if (s->count < 0) s->count = 0;
+    /* A solve at the currents of the last one returns at once, without making the field again. */
+    if (in != NULL && s->count > 0) fieldmap_iron_apply(map, s, s->currents + (passed - 1) * (size_t)map->n_coils);
     return used;
 }
 
