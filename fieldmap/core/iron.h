@@ -29,13 +29,14 @@ enum {
  * sum is the field of the map. The model has p points, r modes, c coils and k fields of the iron. Rows over the modes are
  * padded with zeros to `wide` numbers. A model without coils, signals and terms is used while maps are made: it is solved for
  * applied fields at its points (fieldmap_iron_solve_in). Iron with hysteresis has n_cells play cells at each point, with the
- * pinning fields of its law, in ascending order, and their shares; other iron has none. */
+ * pinning fields of its law, in ascending order, and their shares; other iron has none. remembered: the memory with which a
+ * state begins (fieldmap_iron_copy); NULL for demagnetised iron. */
 typedef struct fieldmap_iron {
     fieldmap fields;
     int n_coils, n_fields, p, r, wide, k, has_fixed, n_laws, n_knots, n_terms, n_signals, division, checked, n_cells;
     double exponent, limit, off, tolerance;
     const double *source, *fixed, *weights, *law, *offset, *knots, *coefficients, *air, *constant, *output;
-    const double *terms, *matrix, *inverse, *lower, *upper, *pinning, *shares;
+    const double *terms, *matrix, *inverse, *lower, *upper, *pinning, *shares, *remembered;
     const float *gradients, *expansion;
     void *owned;
 } fieldmap_iron;
@@ -137,6 +138,7 @@ static inline int fieldmap_iron_of_numbers(fieldmap_iron *map, const double *num
     map->checked = (int)sizes[11], map->n_fields = (int)sizes[12];
     map->n_cells = (int)fieldmap_whole(numbers[17], 0, 256);
     map->exponent = numbers[13], map->limit = numbers[14], map->off = numbers[15], map->tolerance = numbers[16];
+    map->remembered = NULL;
     coils = map->n_coils > 0;
     if (map->n_cells < 0 || map->p < 1 || map->r < 1 || map->n_laws < 1 || map->n_knots < 1 || (map->n_terms > 0) != coils
         || (map->n_signals > 0) != coils || map->wide < map->r || map->wide % FIELDMAP_IRON_LANES != 0
@@ -202,6 +204,8 @@ static inline size_t fieldmap_iron_memory(const fieldmap_iron *map)
     return map == NULL || map->p == 0 ? 0 : fieldmap_iron_lay_out(map, &state, NULL);
 }
 
+static inline size_t fieldmap_iron_copy(fieldmap_iron_state *s, double *out, const double *in);
+
 /* Begin a state. memory: of the caller, at an address that is a multiple of 64; it must outlive the state. */
 static inline int fieldmap_iron_start(
     fieldmap_iron_state *state, const fieldmap_iron *map, void *memory, size_t size)
@@ -216,6 +220,7 @@ static inline int fieldmap_iron_start(
     state->tolerance = map->tolerance;
     state->checked = map->checked;
     for (i = 0; i < map->p; i++) state->piece[i] = (int)map->offset[(int)map->law[i]];
+    if (map->remembered != NULL) fieldmap_iron_copy(state, NULL, map->remembered);
     return FIELDMAP_OK;
 }
 
@@ -901,10 +906,13 @@ static inline void fieldmap_iron_advance(fieldmap_iron_state *s)
     }
 }
 
-/* Go straight from the currents of the last step to currents[n_coils]; then the cells remember the state. */
+/* Go straight from the currents of the last step to currents[n_coils]; then the cells remember the state, whose weights lie in
+ * `solution`. If the status is not FIELDMAP_OK, the cells are as before. */
 static inline int fieldmap_iron_step(fieldmap_iron_state *s, const double *currents)
 {
-    const int status = fieldmap_iron_follow(s, currents);
+    int status;
+    if (s == NULL || s->map == NULL || currents == NULL) return FIELDMAP_ARGUMENT;
+    status = fieldmap_iron_follow(s, currents);
     if (status == FIELDMAP_OK && s->map->n_cells > 0) fieldmap_iron_advance(s);
     return status;
 }
