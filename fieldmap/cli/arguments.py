@@ -9,7 +9,7 @@ import numpy as np
 from fieldmap.errors import InputError, Problem
 from fieldmap.typing import Array
 
-_LISTS = ("--at", "--at-mm", "--currents", "--field", "--force", "--moment", "--start", "--torque")
+_LISTS = ("--at", "--at-mm", "--currents", "--field", "--force", "--level", "--moment", "--start", "--torque")
 _NUMBERS = re.compile(r"[-+]?(\d|\.\d|nan|inf)[\d.,eE+\- ]*,?", re.IGNORECASE)
 # "left=1.5,right=-2", or one of them with others behind it.
 _NAMED = re.compile(r"[^-=,][^=,]*=[-+.\d][^=,]*(,[^=,]+=[-+.\d][^=,]*)*,?")
@@ -34,12 +34,12 @@ def join_lists(argv: list[str]) -> list[str]:
 
 def _takes(option: str, word: str) -> bool:
     """Whether a word belongs to the numbers of an option."""
-    named = option == "--currents" and _NAMED.fullmatch(word) is not None
+    named = option in ("--currents", "--level") and _NAMED.fullmatch(word) is not None
     return named or _NUMBERS.fullmatch(word) is not None
 
 
-def parse_currents(texts: list[str], coil_names: tuple[str, ...]) -> Array:
-    """Currents (n_coils,), A, from the values of `--currents`: one per coil, one for every coil, or NAME=A for those
+def parse_currents(texts: list[str], coil_names: tuple[str, ...], option: str = "--currents") -> Array:
+    """Currents (n_coils,), A, from the values of an option: one per coil, one for every coil, or NAME=A for those
     that carry one, and none in the others.
 
     >>> parse_currents(["5=1,-2"], ("5", "6"))
@@ -49,43 +49,43 @@ def parse_currents(texts: list[str], coil_names: tuple[str, ...]) -> Array:
     array([ 0., -2.])
     """
     if any("=" in text for text in texts):
-        return _named_currents(texts, coil_names)
-    values = _floats(texts, "--currents")
+        return _named_currents(texts, coil_names, option)
+    values = _floats(texts, option)
     count = len(coil_names)
     if len(values) == 1:
         values = values * count
     if len(values) != count:
         raise InputError.of(
-            "--currents",
+            option,
             f"must be one current per coil ({', '.join(coil_names)}), or one number for all",
             f"{len(values)} numbers: {', '.join(texts)}",
-            f"give {count} numbers in A, for example --currents {','.join(['1.0'] * count)}, or those of "
-            f"some coils by name: --currents {coil_names[-1]}=1.0",
+            f"give {count} numbers in A, for example {option} {','.join(['1.0'] * count)}, or those of "
+            f"some coils by name: {option} {coil_names[-1]}=1.0",
         )
     return np.array(values)
 
 
-def _named_currents(texts: list[str], coil_names: tuple[str, ...]) -> Array:
+def _named_currents(texts: list[str], coil_names: tuple[str, ...], option: str) -> Array:
     words = [word.strip() for word in ",".join(texts).split(",") if word.strip()]
     pairs = [(name.strip(), value.strip()) for name, _, value in (word.partition("=") for word in words)]
-    given, example = ", ".join(texts), f"for example --currents {coil_names[-1]}=1.0"
+    given, example = ", ".join(texts), f"for example {option} {coil_names[-1]}=1.0"
     if not all("=" in word for word in words):
         must_hold = "must be NAME=A throughout, or numbers alone"
-        raise InputError.of("--currents", must_hold, given, example)
+        raise InputError.of(option, must_hold, given, example)
     names = [name for name, _ in pairs]
     problems = [
-        Problem("--currents", f"must name coils ({', '.join(coil_names)})", repr(name), example)
+        Problem(option, f"must name coils ({', '.join(coil_names)})", repr(name), example)
         for name in dict.fromkeys(names)
         if name not in coil_names
     ]
     problems += [
-        Problem("--currents", "must name each coil once", f"{name} twice", "leave one of them out")
+        Problem(option, "must name each coil once", f"{name} twice", "leave one of them out")
         for name in dict.fromkeys(names)
         if names.count(name) > 1
     ]
     if problems:
         raise InputError(*problems)
-    amperes = dict(zip(names, _floats([value for _, value in pairs], "--currents"), strict=True))
+    amperes = dict(zip(names, _floats([value for _, value in pairs], option), strict=True))
     return np.array([amperes.get(name, 0.0) for name in coil_names])
 
 

@@ -16,6 +16,7 @@ from fieldmap.cli import options, page
 from fieldmap.cli.arguments import parse_currents, parse_moment, parse_pairs
 from fieldmap.cli.options import option
 from fieldmap.errors import InputError, Problem
+from fieldmap.histories import HISTORIES
 from fieldmap.progress import Progress
 
 if TYPE_CHECKING:
@@ -50,6 +51,8 @@ def export(
     target: Annotated[Path, options.output("File to write."), options.writes(*WRITTEN.values())],
     kind: Annotated[str, option("--kind", "NAME")] = "harmonic",
     currents: options.Currents = None,
+    history: Annotated[str | None, option("--history", "NAME")] = None,
+    level: Annotated[list[str] | None, option("--level", "A[,A...]")] = None,
     spacing_mm: Annotated[float | None, option("--spacing-mm", "MM")] = None,
     outside: Annotated[str, option("--outside", "RULE")] = "nan",
     fmi: Annotated[int | None, option("--fmi", "2|3")] = None,
@@ -67,7 +70,7 @@ def export(
     """Write a map, or the field in the workspace of a device, for other programs.
 
     --currents fixes the currents; without it the other program sets them. An fmu has a magnet of --moment, by default 1
-    A m2 upward.
+    A m2 upward. Iron with hysteresis goes with its memory, and c and fmu go on from there.
 
     Example: fieldmap export maps/out/linear.h5 --to c -o linear.fmap
 
@@ -80,6 +83,10 @@ def export(
         of FMI, compiled here. mag-manip: YAML. vti: VTK image data.
     kind
         For c, c32 and fmu: harmonic (one polynomial per cell) or global (one for the box, a few kB).
+    history
+        Of iron with hysteresis: shaken or demagnetised. Default: shaken.
+    level
+        Of iron with hysteresis: currents at which the history ends, A. Default: those of the map's training.
     spacing_mm
         For csv, vti and mag-manip: largest distance between nodes. Default: the map's nodes, for mag-manip as many as
         it needs; a device needs it.
@@ -116,10 +123,17 @@ def export(
     spacing = None if spacing_mm is None else 1e-3 * spacing_mm
     sampled, files = None, tuple[Path, ...]()
     if not is_map_file(source):
+        _require_memory(history is None and not level, source)
         files = (_of_device(source, to, target, currents, spacing, iron, settings),)
     else:
         options.refuse_iron_of_map(iron, settings)
         field = open_map(existing_map(source), kind, outside)
+        if history is not None or level:
+            _require_memory(field.remembers, source)
+            at = parse_currents(level, field.coil_names, "--level") if level else None
+            must_hold, remedy = "must come with a history that ends at a level", "leave it out"
+            check(at is None or history != "demagnetised", "--level", must_hold, "demagnetised", remedy)
+            field = field.memory(HISTORIES[0] if history is None else history, at)
         amperes = parse_currents(currents, field.coil_names) if currents else None
         if to in _OF_ANY_FIELD:
             files = (_writer(to)(field, target, amperes, spacing),)
@@ -129,7 +143,10 @@ def export(
         elif to == "c" and amperes is None and not field.affine:
             files = interop.write_c_iron_files(field, target)
         else:
-            options.require_currents(not field.affine, currents, f"{source} --to {to}")
+            good = to != "c32" or field.affine or amperes is not None
+            must_hold = "must come with --currents: single precision cannot solve for the state of the iron"
+            remedy = "add --currents A, or write --to c, in double precision"
+            check(good, f"{source} --to {to}", must_hold, "no --currents", remedy)
             fixed = field if amperes is None else field.at(amperes)
             if to == "fmu":
                 files = (_unit(fixed, target, fmi, moment, body, sources),)
@@ -142,6 +159,11 @@ def export(
     print(*files, sep="\n")
     if sampled is not None:
         print(sampled.summary, file=sys.stderr)
+
+
+def _require_memory(good: bool, source: str) -> None:
+    must_hold, remedy = "must come with a map of iron with hysteresis", "leave out --history and --level"
+    check(good, "--history", must_hold, source, remedy)
 
 
 def _of_device(

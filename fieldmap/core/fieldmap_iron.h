@@ -6,6 +6,10 @@
  * caller, fieldmap_iron_memory() bytes for each thread: nothing here takes memory but fieldmap_iron_open. A solve takes
  * FIELDMAP_IRON_STEPS steps at most. Equal currents one after the other are solved once.
  *
+ * Iron with hysteresis depends on earlier currents. A state begins with the memory that the file has. fieldmap_iron_step
+ * goes straight to new currents, which the iron then remembers; the other functions tell what is there after a straight path,
+ * and the iron remembers nothing of it. fieldmap_iron_copy stores a memory and sets it back.
+ *
  * Every function returns FIELDMAP_OK or the reason why not, and NaN with it: of fieldmap.h, or one of those below.
  *
  * BSD-3-Clause, the fieldmap developers.
@@ -32,18 +36,31 @@ static inline const char *fieldmap_iron_message(int status)
 static inline int fieldmap_iron_view(fieldmap_iron *map, const void *bytes, size_t size)
 {
     const unsigned char *raw = (const unsigned char *)bytes;
-    uint32_t version;
-    uint64_t count;
+    const double *numbers;
+    fieldmap_iron_state none;
+    uint32_t version, remembered;
+    uint64_t count, most;
     int status;
     if (map == NULL || bytes == NULL) return FIELDMAP_ARGUMENT;
     memset(map, 0, sizeof *map);
-    status = fieldmap_check_file(bytes, size, "fmapiron", FIELDMAP_NAMES + 8 * FIELDMAP_IRON_SIZES, 1u, &version);
+    status = fieldmap_check_file(bytes, size, "fmapiron", FIELDMAP_NAMES + 8 * FIELDMAP_IRON_SIZES, 2u, &version);
     if (status != FIELDMAP_OK) return status;
+    memcpy(&remembered, raw + 28, 4);
     memcpy(&count, raw + 32, 8);
-    if (count > (size - FIELDMAP_NAMES) / 8) return FIELDMAP_DAMAGED;
-    status = fieldmap_iron_of_numbers(map, (const double *)(const void *)(raw + FIELDMAP_NAMES), count);
-    if (status == FIELDMAP_OK && map->n_coils < 1) status = FIELDMAP_DAMAGED;
-    if (status == FIELDMAP_OK) status = fieldmap_view(&map->fields, raw + FIELDMAP_NAMES + 8 * count, size - FIELDMAP_NAMES - 8 * (size_t)count);
+    most = (size - FIELDMAP_NAMES) / 8;
+    if (count > most || remembered > most - count) return FIELDMAP_DAMAGED;
+    numbers = (const double *)(const void *)(raw + FIELDMAP_NAMES);
+    status = fieldmap_iron_of_numbers(map, numbers, count);
+    if (status == FIELDMAP_OK && (map->n_coils < 1 || (map->n_cells > 0) != (version == 2u))) status = FIELDMAP_DAMAGED;
+    if (status == FIELDMAP_OK && map->n_cells > 0) {
+        memset(&none, 0, sizeof none);
+        none.map = map;
+        map->remembered = numbers + count;
+        if (remembered != fieldmap_iron_copy(&none, NULL, NULL)) status = FIELDMAP_DAMAGED;
+    }
+    count += remembered;
+    if (status == FIELDMAP_OK)
+        status = fieldmap_view(&map->fields, numbers + count, size - FIELDMAP_NAMES - 8 * (size_t)count);
     if (status == FIELDMAP_OK && (map->fields.n_coils != map->n_fields || map->fields.constant)) status = FIELDMAP_DAMAGED;
     if (status != FIELDMAP_OK) memset(map, 0, sizeof *map);
     return status;

@@ -29,13 +29,14 @@ enum {
  * sum is the field of the map. The model has p points, r modes, c coils and k fields of the iron. Rows over the modes are
  * padded with zeros to `wide` numbers. A model without coils, signals and terms is used while maps are made: it is solved for
  * applied fields at its points (fieldmap_iron_solve_in). Iron with hysteresis has n_cells play cells at each point, with the
- * pinning fields of its law, in ascending order, and their shares; other iron has none. */
+ * pinning fields of its law, in ascending order, and their shares; other iron has none. remembered: the memory with which a
+ * state begins (fieldmap_iron_copy); NULL for demagnetised iron. */
 typedef struct fieldmap_iron {
     fieldmap fields;
     int n_coils, n_fields, p, r, wide, k, has_fixed, n_laws, n_knots, n_terms, n_signals, division, checked, n_cells;
     double exponent, limit, off, tolerance;
     const double *source, *fixed, *weights, *law, *offset, *knots, *coefficients, *air, *constant, *output;
-    const double *terms, *matrix, *inverse, *lower, *upper, *pinning, *shares;
+    const double *terms, *matrix, *inverse, *lower, *upper, *pinning, *shares, *remembered;
     const float *gradients, *expansion;
     void *owned;
 } fieldmap_iron;
@@ -143,6 +144,7 @@ static inline int fieldmap_iron_of_numbers(fieldmap_iron *map, const double *num
     map->checked = (int)sizes[11], map->n_fields = (int)sizes[12];
     map->n_cells = (int)fieldmap_whole(numbers[17], 0, 256);
     map->exponent = numbers[13], map->limit = numbers[14], map->off = numbers[15], map->tolerance = numbers[16];
+    map->remembered = NULL;
     coils = map->n_coils > 0;
     if (map->n_cells < 0 || map->p < 1 || map->r < 1 || map->n_laws < 1 || map->n_knots < 1 || (map->n_terms > 0) != coils
         || (map->n_signals > 0) != coils || map->wide < map->r || map->wide % FIELDMAP_IRON_LANES != 0
@@ -208,6 +210,8 @@ static inline size_t fieldmap_iron_memory(const fieldmap_iron *map)
     return map == NULL || map->p == 0 ? 0 : fieldmap_iron_lay_out(map, &state, NULL);
 }
 
+static inline size_t fieldmap_iron_copy(fieldmap_iron_state *s, double *out, const double *in);
+
 /* Begin a state. memory: of the caller, at an address that is a multiple of 64; it must outlive the state. */
 static inline int fieldmap_iron_start(
     fieldmap_iron_state *state, const fieldmap_iron *map, void *memory, size_t size)
@@ -224,6 +228,7 @@ static inline int fieldmap_iron_start(
     state->checked = map->checked;
     for (i = 0; i < map->p; i++)
         for (k = 0; k < pieces; k++) state->piece[(size_t)i * (size_t)pieces + (size_t)k] = (int)map->offset[(int)map->law[i]];
+    if (map->remembered != NULL) fieldmap_iron_copy(state, NULL, map->remembered);
     return FIELDMAP_OK;
 }
 
@@ -384,12 +389,10 @@ static inline void fieldmap_iron_apply(const fieldmap_iron *map, fieldmap_iron_s
     }
 }
 
-/* Fill h in the last state, whose amplitudes are a (padded with zeros to `wide` numbers), with sums in double precision. Its
- * applied field is not there yet if the state was copied and its currents have not changed since. */
+/* Fill h at amplitudes a (padded with zeros to `wide` numbers), with sums in double precision. */
 static inline void fieldmap_iron_field_at(const fieldmap_iron *map, fieldmap_iron_state *s, const double *a)
 {
     int i;
-    fieldmap_iron_apply(map, s, s->currents + (FIELDMAP_IRON_PASSED - 1) * map->n_coils);
     for (i = 0; i < 3 * map->p; i++)
         s->h[i] = s->applied[i] - fieldmap_iron_mixed_dot(map->gradients + (size_t)i * (size_t)map->wide, a, map->wide);
 }
@@ -917,10 +920,13 @@ static inline void fieldmap_iron_advance(fieldmap_iron_state *s)
     s->heat += fieldmap_iron_polarise(map, s, 0, map->p, s->h, s->moved, NULL, s->cells);
 }
 
-/* Go straight from the currents of the last step to currents[n_coils]; then the cells remember the state. */
+/* Go straight from the currents of the last step to currents[n_coils]; then the cells remember the state, whose weights lie in
+ * `solution`. If the status is not FIELDMAP_OK, the cells are as before. */
 static inline int fieldmap_iron_step(fieldmap_iron_state *s, const double *currents)
 {
-    const int status = fieldmap_iron_follow(s, currents);
+    int status;
+    if (s == NULL || s->map == NULL || currents == NULL) return FIELDMAP_ARGUMENT;
+    status = fieldmap_iron_follow(s, currents);
     if (status == FIELDMAP_OK && s->map->n_cells > 0) fieldmap_iron_advance(s);
     return status;
 }
@@ -945,6 +951,8 @@ static inline size_t fieldmap_iron_copy(fieldmap_iron_state *s, double *out, con
         used += sizes[i];
     }
     if (s->count < 0) s->count = 0;
+    /* A solve at the currents of the last one returns at once, without making the field again. */
+    if (in != NULL && s->count > 0) fieldmap_iron_apply(map, s, s->currents + (passed - 1) * (size_t)map->n_coils);
     return used;
 }
 

@@ -17,17 +17,18 @@ Of saturating iron:
 
     0   8 bytes   "fmapiron"
     8   uint32    0x01020304, which shows the byte order
-    12  uint32    version: 1
+    12  uint32    version: 1, or 2 of iron with hysteresis
     16  uint64    size of the file in bytes
     24  uint32    CRC-32 of all that follows
-    28  uint32    0
+    28  uint32    number of float64 numbers of the memory; 0 in version 1
     32  uint64    number of float64 numbers of the model
     40  float64   20 numbers: points, modes, numbers in a row of single precision, coils, fields of the iron, whether
                   there is a background, laws, knots, terms, signals, whether the currents are a lift and directions,
                   whether currents outside are refused, all fields; exponent, limit of a current, tolerance of currents
-                  off the parametrisation, tolerance of a solve; three zeros
+                  off the parametrisation, tolerance of a solve, play cells at a point; two zeros
         float64   the arrays of `fieldmap.core.iron_numbers.CompiledModel`
         float32   gradients and expansion, rows filled with zeros to a multiple of 16
+        float64   the memory with which a state begins: `FieldMap.remembered`
         bytes     the fields of coils, iron and background as a map of given fields
 """
 
@@ -48,12 +49,13 @@ from fieldmap.errors import InputError
 from fieldmap.field import require_affine
 from fieldmap.interpolants import INTERPOLANTS
 from fieldmap.lookup import FieldMap, MapAtCurrents, compiled_currents, unit_block
-from fieldmap.lookup.current_model import require_no_memory
+from fieldmap.lookup.current_model import STEP_TOLERANCE
 from fieldmap.store.output_formats import output_problems
 from fieldmap.store.whole_files import write_whole
 from fieldmap.typing import PathLike
 
 VERSION, WITH_CONSTANT = 1, 2
+_IRON, _WITH_MEMORY = 1, 2
 _MOST_CONSTANTS = 1_000_000
 # Where the block, whose checksum the file has, says what the version says.
 _CONSTANT = 18
@@ -146,7 +148,8 @@ def c_iron_header() -> Path:
 def write_c_iron_map(field: FieldMap, path: PathLike) -> Path:
     """Write an opened map of saturating iron for C programs that set its currents.
 
-    The rules for points and currents outside go with it: clamp or NaN, NaN or "evaluate".
+    The rules for points and currents outside go with it: clamp or NaN, NaN or "evaluate". So does the memory of
+    iron with hysteresis, with which the program begins; its steps and those of `FieldMap.step` have one tolerance.
 
     Parameters
     ----------
@@ -163,26 +166,28 @@ def write_c_iron_map(field: FieldMap, path: PathLike) -> Path:
     Raises
     ------
     InputError
-        For a map whose fields superpose, which `write_c_map` writes, for one of iron with hysteresis, and for a
-        Hermite form.
+        For a map whose fields superpose, which `write_c_map` writes, and for a Hermite form.
 
     Examples
     --------
     >>> from fieldmap.lookup import open_map                                               # doctest: +SKIP
     >>> write_c_iron_map(open_map("workspace.h5"), "workspace.fmap")                        # doctest: +SKIP
+    >>> write_c_iron_map(open_map("remembering.h5").memory("shaken", 1.2), "iron.fmap")     # doctest: +SKIP
     """
     if field.affine:
         must_hold = "must be a map of saturating iron"
         raise InputError.of("write_c_iron_map, field", must_hold, "one that superposes", "use write_c_map")
-    require_no_memory(field.remembers, "write_c_iron_map, field")
-    block, model = unit_block(field), compiled_currents(field)
+    block, model, remembered = unit_block(field), compiled_currents(field), np.zeros(0)
+    if field.remembers:
+        model, remembered = model._replace(tolerance=STEP_TOLERANCE), field.remembered
     check_harmonic(block, "write_c_iron_map, field")
     names = (*field.coil_names, *(f"iron {k + 1}" for k in range(len(model.output))))
     names += ("background",) if model.fixed.size else ()
     numbers = core_numbers(model)
     behind = map_bytes(block, names, constant=False)
-    content = struct.pack("=IQ", 0, len(numbers)) + numbers.tobytes() + behind
-    return write_whole(path, sealed(b"fmapiron", 1, content), "map for C")
+    content = struct.pack("=IQ", len(remembered), len(numbers)) + numbers.tobytes() + remembered.tobytes()
+    version = _WITH_MEMORY if field.remembers else _IRON
+    return write_whole(path, sealed(b"fmapiron", version, content + behind), "map for C")
 
 
 def write_c_iron_files(field: FieldMap, path: PathLike) -> tuple[Path, Path, Path]:

@@ -1,5 +1,8 @@
 /* A map, and a rigid body with a magnet in it, as an FMU: FMI 2.0 or 3.0, model exchange and co-simulation.
  *
+ * Saturating iron is solved at the currents. What iron with hysteresis remembers changes at the steps alone: each goes
+ * straight to the currents that are set. In model exchange a step is one that the importer has completed.
+ *
  * fmu_model.h, which fieldmap.interop.fmu writes, says which; FMU_VERSION is 2 or 3. The declarations are our own, after
  * the standards (fmi-standard.org); nothing of their headers is in this file. Value references are positions in
  * `values`. docs/other_programs.md says what the variables mean. BSD-3-Clause, the fieldmap developers.
@@ -8,6 +11,9 @@
 
 #include "fieldmap_body.h"
 #include "fmu_model.h"
+#if FMU_IRON
+#include "fieldmap_iron.h"
+#endif
 
 #if defined(_WIN32)
 #define EXPORT __declspec(dllexport)
@@ -24,7 +30,15 @@ enum {
 enum { OK, WARNING, DISCARD, ERROR, FATAL };
 
 typedef struct model {
+#if FMU_IRON
+    fieldmap_iron map;
+    fieldmap_iron_state state;
+    void *memory;       /* of the state */
+    double *remembered; /* after the last step; the importer may ask at other currents in between */
+    int solved;         /* the state's solution belongs to what is remembered */
+#else
     fieldmap map;
+#endif
     double values[VALUES + 1];
     int stale; /* outputs and derivatives do not belong to the inputs */
     int status;
@@ -36,7 +50,88 @@ typedef struct model {
 
 static const double dipoles[FMU_DIPOLES][6] = FMU_MAGNET; /* place from the body's centre, moment; frame of the body */
 static const double seat[3] = FMU_SEAT;                   /* the magnet's centre */
-static const double starts[CURRENTS] = FMU_STARTS;
+static const double starts[VALUES] = FMU_STARTS;
+
+#if FMU_IRON
+
+static const char *message(int status) { return fieldmap_iron_message(status); }
+static const fieldmap *fields(const model *m) { return &m->map.fields; }
+static int coils(const model *m) { return m->map.n_coils; }
+static const double *weights(const model *m) { return m->state.solution; }
+
+/* Numbers that the iron remembers. */
+static size_t remembered(const model *m)
+{
+    fieldmap_iron_state state = m->state;
+    return fieldmap_iron_copy(&state, NULL, NULL);
+}
+
+/* The iron goes straight from the last step to the currents. It remembers this if it is a step. */
+static int follow(model *m, int step)
+{
+    const double *currents = m->values + CURRENTS;
+    int k, status, same = m->solved;
+    for (k = 0; k < FMU_COILS; k++) same = same && m->state.solution[k] == currents[k];
+    if (same && !step) return FIELDMAP_OK;
+    m->solved = 0;
+    fieldmap_iron_copy(&m->state, NULL, m->remembered);
+    status = step ? fieldmap_iron_step(&m->state, currents) : fieldmap_iron_follow(&m->state, currents);
+    if (status != FIELDMAP_OK) return status;
+    if (step) fieldmap_iron_copy(&m->state, m->remembered, NULL);
+    m->solved = 1;
+    return status;
+}
+
+/* The memory that the file has. */
+static void begin(model *m)
+{
+    const size_t size = fieldmap_iron_memory(&m->map);
+    fieldmap_iron_start(&m->state, &m->map, (void *)(((uintptr_t)m->memory + 63) / 64 * 64), size);
+    fieldmap_iron_copy(&m->state, m->remembered, NULL);
+    m->solved = 0;
+}
+
+static void close_map(model *m)
+{
+    free(m->memory);
+    free(m->remembered);
+    fieldmap_iron_close(&m->map);
+}
+
+static int open_file(model *m, const char *path)
+{
+    const int status = fieldmap_iron_open(&m->map, path);
+    if (status != FIELDMAP_OK) return status;
+    m->state.map = &m->map;
+    m->memory = malloc(fieldmap_iron_memory(&m->map) + 64);
+    m->remembered = (double *)malloc(remembered(m) * sizeof(double));
+    if (m->memory != NULL && m->remembered != NULL) return FIELDMAP_OK;
+    close_map(m);
+    return FIELDMAP_NO_MEMORY;
+}
+
+static void store(const model *m, double *out) { memcpy(out, m->remembered, remembered(m) * sizeof(double)); }
+static void recall(model *m, const double *in)
+{
+    memcpy(m->remembered, in, remembered(m) * sizeof(double));
+    m->solved = 0;
+}
+
+#else
+
+static const char *message(int status) { return fieldmap_message(status); }
+static const fieldmap *fields(const model *m) { return &m->map; }
+static int coils(const model *m) { return m->map.n_coils; }
+static const double *weights(const model *m) { return FMU_COILS ? m->values + CURRENTS : NULL; }
+static size_t remembered(const model *m) { (void)m; return 0; }
+static int follow(model *m, int step) { (void)m, (void)step; return FIELDMAP_OK; }
+static void begin(model *m) { (void)m; }
+static void close_map(model *m) { fieldmap_close(&m->map); }
+static int open_file(model *m, const char *path) { return fieldmap_open(&m->map, path); }
+static void store(const model *m, double *out) { (void)m, (void)out; }
+static void recall(model *m, const double *in) { (void)m, (void)in; }
+
+#endif
 
 /* The body of a model in the field of its currents, with the magnets at their strength in `magnet`. */
 static void body_of(const model *m, fieldmap_dipole *magnet, fieldmap_rigid_body *body, fieldmap_path *field)
@@ -54,7 +149,7 @@ static void body_of(const model *m, fieldmap_dipole *magnet, fieldmap_rigid_body
         body->inertia[i] = v[INERTIA + i];
         body->force[i] = v[PUSH + i], body->torque[i] = v[TWIST + i];
     }
-    field->map = &m->map, field->weights = FMU_COILS ? v + CURRENTS : NULL;
+    field->map = fields(m), field->weights = weights(m);
 }
 
 /* The state with a quaternion of length 1; the length that it had. */
@@ -78,12 +173,13 @@ static int outputs(model *m)
     fieldmap_state state, rates;
     double *v = m->values, r[9], arm[3], place[3];
     const double length = state_of(m, &state);
-    int i, status;
+    int i, status = follow(m, 0);
+    if (status != FIELDMAP_OK) return status;
     body_of(m, magnet, &body, &field);
     fieldmap_rotation(state.turn, r);
     fieldmap_to_map(r, seat, arm);
     for (i = 0; i < 3; i++) place[i] = state.position[i] + arm[i];
-    status = fieldmap_field(&m->map, field.weights, place, v + FIELD, v + GRADIENT);
+    status = fieldmap_field(field.map, field.weights, place, v + FIELD, v + GRADIENT);
     if (status == FIELDMAP_OK)
         status = fieldmap_body_wrench(&field, &body.magnetic, state.position, r, v + FORCE, NULL);
     if (status != FIELDMAP_OK || !FMU_BODY) return status;
@@ -105,12 +201,23 @@ static int refresh(model *m)
     if (status != FIELDMAP_OK) {
         for (i = FIELD; i < CURRENTS; i++) v[i] = (double)NAN;
         for (i = 0; i < 13; i++) v[DERIVATIVES + i] = (double)NAN;
-        m->say(m, DISCARD, fieldmap_message(status));
+        m->say(m, DISCARD, message(status));
     }
     return m->status = status == FIELDMAP_OK ? OK : DISCARD;
 }
 
-/* Steps of fourth order and equal length, no longer than values[STEP]; inputs do not change meanwhile. */
+/* The iron remembers the currents. */
+static int remember(model *m)
+{
+    const int status = follow(m, 1);
+    m->stale = 1;
+    if (status == FIELDMAP_OK) return OK;
+    m->say(m, DISCARD, message(status));
+    return DISCARD;
+}
+
+/* A step of the iron to the inputs, which do not change meanwhile; then steps of the body of fourth order and equal length, no
+ * longer than values[STEP]. */
 static int advance(model *m, double duration)
 {
     fieldmap_dipole magnet[FMU_DIPOLES];
@@ -121,12 +228,13 @@ static int advance(model *m, double duration)
     long n, steps;
     int status, touched;
     if (!(duration >= 0.0)) return ERROR;
-    if (!FMU_BODY) return OK; /* outputs follow inputs at once */
+    if (!FMU_BODY) return remember(m); /* outputs follow inputs at once */
     if (!(m->values[STEP] > 0.0)) return ERROR;
     if (!(duration / m->values[STEP] <= MOST_STEPS)) return ERROR; /* of one call; NaN and infinity are more, too */
     steps = (long)ceil(duration / m->values[STEP] * (1.0 - 1e-9));
     h = steps > 0 ? duration / (double)steps : 0.0;
-    m->stale = 1;
+    status = remember(m);
+    if (status != OK) return status;
     state_of(m, &state);
     body_of(m, magnet, &body, &field);
     status = fieldmap_load(&field, &body, &state, load, &touched);
@@ -137,7 +245,7 @@ static int advance(model *m, double duration)
         m->values[TIME] += h;
     }
     if (status == FIELDMAP_OK) return OK;
-    m->say(m, DISCARD, fieldmap_message(status));
+    m->say(m, DISCARD, message(status));
     return DISCARD;
 }
 
@@ -145,7 +253,8 @@ static void reset(model *m)
 {
     int i;
     memset(m->values, 0, sizeof m->values);
-    for (i = 0; i < CURRENTS; i++) m->values[i] = starts[i];
+    for (i = 0; i < VALUES; i++) m->values[i] = starts[i];
+    begin(m);
     m->stale = 1;
 }
 
@@ -207,9 +316,9 @@ static int open_map(model *m, const char *folder)
     }
     if (n > 0 && path[n - 1] != '/' && path[n - 1] != '\\') path[n++] = '/';
     memcpy(path + n, map_name, sizeof map_name);
-    status = fieldmap_open(&m->map, path);
-    if (status == FIELDMAP_OK && m->map.n_coils != (FMU_COILS ? FMU_COILS : 1)) {
-        fieldmap_close(&m->map);
+    status = open_file(m, path);
+    if (status == FIELDMAP_OK && coils(m) != (FMU_COILS ? FMU_COILS : 1)) {
+        close_map(m);
         status = FIELDMAP_DAMAGED;
     }
     free(path);
@@ -231,7 +340,7 @@ static model *make(const char *name, const char *token, const char *folder, void
     }
     status = open_map(m, folder);
     if (status != FIELDMAP_OK) {
-        say(m, ERROR, fieldmap_message(status));
+        say(m, ERROR, message(status));
         free(m);
         return NULL;
     }
@@ -242,7 +351,7 @@ static model *make(const char *name, const char *token, const char *folder, void
 static void destroy(model *m)
 {
     if (m != NULL) {
-        fieldmap_close(&m->map);
+        close_map(m);
         free(m);
     }
 }
@@ -278,12 +387,13 @@ static int get_nominals(double *out, size_t count)
     return OK;
 }
 
-/* A copy of all values, kept by the importer. */
+/* A copy of all values and of what the iron remembers, kept by the importer. */
 static int keep(const model *m, void **kept)
 {
-    if (*kept == NULL) *kept = malloc(sizeof m->values);
+    if (*kept == NULL) *kept = malloc(sizeof m->values + remembered(m) * sizeof(double));
     if (*kept == NULL) return ERROR;
     memcpy(*kept, m->values, sizeof m->values);
+    store(m, (double *)*kept + VALUES + 1);
     return OK;
 }
 
@@ -291,6 +401,7 @@ static int restore(model *m, const void *kept)
 {
     if (kept == NULL) return ERROR;
     memcpy(m->values, kept, sizeof m->values);
+    recall(m, (const double *)kept + VALUES + 1);
     m->stale = 1;
     return OK;
 }
@@ -389,9 +500,9 @@ EXPORT int fmi2NewDiscreteStates(model *m, fmi2_event_info *info)
 EXPORT int fmi2EnterContinuousTimeMode(model *m) { UNUSED(m); return OK; }
 EXPORT int fmi2CompletedIntegratorStep(model *m, int no_return, int *event, int *terminate)
 {
-    UNUSED(m), UNUSED(no_return);
+    UNUSED(no_return);
     *event = *terminate = 0;
-    return OK;
+    return remember(m);
 }
 EXPORT int fmi2SetTime(model *m, double time) { m->values[TIME] = time; return OK; }
 EXPORT int fmi2SetContinuousStates(model *m, const double in[], size_t n) { return set_states(m, in, n); }
@@ -539,9 +650,9 @@ EXPORT int fmi3UpdateDiscreteStates(model *m, bool *needed, bool *terminate, boo
 EXPORT int fmi3EnterContinuousTimeMode(model *m) { UNUSED(m); return OK; }
 EXPORT int fmi3CompletedIntegratorStep(model *m, bool no_return, bool *event, bool *terminate)
 {
-    UNUSED(m), UNUSED(no_return);
+    UNUSED(no_return);
     *event = *terminate = false;
-    return OK;
+    return remember(m);
 }
 EXPORT int fmi3SetTime(model *m, double time) { m->values[TIME] = time; return OK; }
 EXPORT int fmi3SetContinuousStates(model *m, const double in[], size_t n) { return set_states(m, in, n); }

@@ -1,7 +1,7 @@
 """A map as a functional mock-up unit (FMI 2.0 or 3.0), by itself or with a rigid body in its field.
 
-The unit is the C source fmu.c, which lies beside this module, and fieldmap_body.h of the C core, compiled with a header
-of numbers, and the map's flat file as its resource: no Python at run time. Value references are positions in one array,
+The unit is the C source fmu.c, which lies beside this module, and headers of the C core, compiled with a header of
+numbers, and the map's flat file as its resource: no Python at run time. Value references are positions in one array,
 see fmu.c.
 """
 
@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check_choice, check_signal
 from fieldmap.core.headers import in_one
 from fieldmap.errors import FieldmapError, InputError
-from fieldmap.interop.c_map import c_identifier, write_c_map
+from fieldmap.interop.c_map import c_identifier, write_c_iron_map, write_c_map
 from fieldmap.lookup import FieldMap, MagneticBody, MapAtCurrents
 from fieldmap.store.whole_files import write_whole
 from fieldmap.typing import Array, PathLike
@@ -97,7 +97,8 @@ def write_fmu(
     Inputs are the coils' currents, A, none for a map at fixed currents, and the magnet's pose; outputs B and
     gradient at its place, force and torque on it. With a body its motion is inside, and inputs are the
     currents and a force and torque that disturb it. Only inertia, weight and the field act on the body: no
-    drag, no walls.
+    drag, no walls. Iron with hysteresis begins with the memory of the map, and remembers the currents of every
+    step.
 
     Parameters
     ----------
@@ -123,7 +124,7 @@ def write_fmu(
     Raises
     ------
     InputError
-        For a saturating map without fixed currents, for a Hermite form and for soft iron.
+        For a Hermite form and for soft iron.
     FieldmapError
         Where no C compiler is found (CC, cc, gcc or clang).
 
@@ -135,14 +136,20 @@ def write_fmu(
     target, carried = Path(path), _dipoles(magnet if body is None else body.magnet)
     seat = np.zeros(3) if body is None else body.magnet_at
     coils = field.coil_names if isinstance(field, FieldMap) else ()
-    variables = _variables(coils, (np.asarray(field.lower) + field.upper) / 2, body)
+    variables = _variables(coils, _first_currents(field), (np.asarray(field.lower) + field.upper) / 2, body)
     identifier = c_identifier(target.stem, "fmu")
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
-        flat = write_c_map(field, work / "map.fmap")
+        flat, headers, iron = work / "map.fmap", ["fieldmap_body.h"], False
+        if isinstance(field, FieldMap) and not field.affine:
+            write_c_iron_map(field, flat)
+            headers, iron = [*headers, "fieldmap_iron.h"], True
+        else:
+            write_c_map(field, flat)
         shutil.copy(Path(__file__).with_name("fmu.c"), work)
-        (work / "fieldmap_body.h").write_text(in_one("fieldmap_body.h"), encoding="utf-8")
-        numbers = _numbers_header(version, len(coils), carried, seat, body, variables)
+        for name in headers:
+            (work / name).write_text(in_one(name), encoding="utf-8")
+        numbers = _numbers_header(version, len(coils), iron, carried, seat, body, variables)
         # The same map and magnet have the same token.
         token = str(uuid.uuid5(uuid.NAMESPACE_URL, numbers + sha256(flat.read_bytes()).hexdigest()))
         (work / "fmu_model.h").write_text(numbers.replace("@TOKEN@", token), encoding="utf-8")
@@ -153,7 +160,7 @@ def write_fmu(
         if binary:
             library = _compiled(work, identifier)
             files[f"binaries/{_folder(version)}/{library.name}"] = library.read_bytes()
-        for name in ("fmu.c", "fieldmap_body.h", "fmu_model.h"):
+        for name in ("fmu.c", *headers, "fmu_model.h"):
             files[f"sources/{name}"] = (work / name).read_bytes()
         if version == 3:
             files["sources/buildDescription.xml"] = _document(_build_description(identifier))
@@ -171,7 +178,18 @@ def _dipoles(magnet: MagneticBody | ArrayLike) -> MagneticBody:
     return MagneticBody(np.zeros((1, 3)), moment.reshape(1, 3))
 
 
-def _variables(coils: Sequence[str], middle: Array, body: RigidBody | None) -> list[_Variable]:
+def _first_currents(field: FieldMap | MapAtCurrents) -> Array:
+    """Start values (c,) of the currents, A, which lie in the domain of saturating iron."""
+    if not isinstance(field, FieldMap):
+        return np.zeros(0)
+    first = field.last_currents if field.remembers else np.zeros(len(field.coil_names))
+    reduced = field.info.reduced_model
+    return first if reduced is None or reduced.domain.holds(first) else reduced.domain.middle
+
+
+def _variables(
+    coils: Sequence[str], currents: Array, middle: Array, body: RigidBody | None
+) -> list[_Variable]:
     found: list[_Variable] = []
 
     def add(
@@ -186,7 +204,7 @@ def _variables(coils: Sequence[str], middle: Array, body: RigidBody | None) -> l
     pose, at = ("input", "at the place") if body is None else ("output", "at the magnet's centre")
     add(0, "time", "independent", "s", "time", parts=one)
     for k, name in enumerate(coils):
-        add(_CURRENTS + k, "current", "input", "A", f"current of coil {name}", 0.0, (str(k + 1),))
+        add(_CURRENTS + k, "current", "input", "A", f"current of coil {name}", currents[k], (str(k + 1),))
     add(_POSITION, "position", pose, "m", "place of the body's centre, frame of the map", middle)
     add(_TURN, "quaternion", pose, "1", "from the body to the map", (1.0, 0.0, 0.0, 0.0), "wxyz")
     if body is not None:
@@ -218,15 +236,16 @@ def _variables(coils: Sequence[str], middle: Array, body: RigidBody | None) -> l
 def _numbers_header(
     version: int,
     coils: int,
+    iron: bool,
     magnet: MagneticBody,
     seat: Array,
     body: RigidBody | None,
     variables: list[_Variable],
 ) -> str:
     """fmu_model.h: what fmu.c is compiled with; @TOKEN@ stands for the token."""
-    starts = np.zeros(_CURRENTS)
+    starts = np.zeros(_CURRENTS + coils)
     for each in variables:
-        if each.start is not None and each.reference < _CURRENTS:
+        if each.start is not None:
             starts[each.reference] = each.start
     rows = np.hstack([magnet.points + seat, magnet.moments])
     dipoles = ", ".join(map(_braces, rows))
@@ -234,6 +253,7 @@ def _numbers_header(
         "FMU_VERSION": version,
         "FMU_TOKEN": '"@TOKEN@"',
         "FMU_COILS": coils,
+        "FMU_IRON": int(iron),
         "FMU_BODY": int(body is not None),
         "FMU_DIPOLES": len(rows),
         "FMU_MAGNET": f"{{{dipoles}}}",

@@ -19,15 +19,16 @@ from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 
 OUTSIDE_CURRENTS = ("raise", "nan", "evaluate")
+STEP_TOLERANCE = 1e-7
+"""Of the steps of iron with hysteresis, each of which begins where the last one ended."""
 # Tolerances of Newton's method: the error of the state in the energy norm, as a share. `_TIGHT` is for tables,
 # `_OF_SEARCH` for searches over currents.
 _TIGHT, _OF_SEARCH = 1e-8, 1e-10
 # Tolerance of lookups from Python. With it two solves of the same currents that begin at different states agree within
 # 1e-6. The extra step of Newton's method costs less than the call itself.
 _OF_LOOKUPS = 5e-7
-# Of the steps of iron with hysteresis, each of which begins where the last one ended. Ends of small loops differ little
-# from each other.
-_OF_STEPS, _OF_LOOPS = 1e-7, 1e-10
+# Of steps to the ends of small loops, which differ little from each other.
+_OF_LOOPS = 1e-10
 # Size of a loop, as a share of the largest currents, after which no cell stands at the end of its play.
 _FREEING = 1e-5
 _REMEDY = 'make a map with a wider [currents], or open this one with outside_currents="evaluate"'
@@ -223,7 +224,7 @@ class CurrentModel:
             raise OutsideMapError(problem)
         return self.along(currents[None])
 
-    def along(self, path: Array, tolerance: float = _OF_STEPS) -> CurrentModel:
+    def along(self, path: Array, tolerance: float = STEP_TOLERANCE) -> CurrentModel:
         """The same iron after straight steps to currents (n, c), be they in the domain or not. Raises NotConverged."""
         state, weights = self._new_state(), np.empty(self.model.coil_count + self.fields_beside_coils)
         for row in np.array(path, dtype=np.float64, order="C"):

@@ -161,6 +161,25 @@ def test_a_state_goes_on_from_what_it_remembered_to_the_last_bit(tolerance):
         other.recall(state.remembered[:-1])
 
 
+def test_what_is_recalled_has_its_field_at_the_last_currents():
+    """A solve there returns at once: nothing makes the field anew."""
+    core = core_of()
+    state, other = core.state(), core.state()
+    led(state, WAY[:4], 1e-4)
+    other.recall(state.remembered)
+    slopes = np.empty((2, COUNT, OF.coil_count))
+    for each, out in zip((state, other), slopes, strict=True):
+        assert each.solve(WAY[3], np.empty(COUNT), out, tolerance=100.0 * EXACT) == FOUND
+    np.testing.assert_array_equal(slopes[1], slopes[0])
+    state, other = core.state(), core.state()
+    led(state, WAY[:4])
+    other.recall(state.remembered)
+    led(other, WAY[3:4])
+    np.testing.assert_allclose(cells_of(other), cells_of(state), rtol=1e-9, atol=1e-15)
+    led(state, WAY[3:4])
+    np.testing.assert_array_equal(other.remembered, state.remembered)
+
+
 def test_slopes_are_the_derivative_with_the_cells_as_they_are():
     state, direction = core_of().state(), np.array([-0.3, 0.8, -0.5])
     led(state, WAY[:3])

@@ -12,17 +12,16 @@ import pytest
 
 from fieldmap.core.iron import FOUND, CoreIron
 from fieldmap.core.iron_numbers import core_numbers
-from fieldmap.currents import CoilGroups, IndependentCurrents, LiftAndDirections
+from fieldmap.currents import IndependentCurrents
 from fieldmap.errors import InputError
 from fieldmap.interop import c_header, c_iron_header, write_c_iron_files, write_c_iron_map
-from fieldmap.lookup import compiled_currents, interpolate
-from fieldmap.store import MapData, ReducedModel
+from fieldmap.lookup import compiled_currents
 from tests.docs.pages import blocks
 from tests.interop.conftest import STRICT
+from tests.interop.iron_maps import KINDS, MODES, POINTS, saturating
 
 HERE = Path(__file__).parent / "c"
 COUNTED = ["-Wl,--wrap=malloc,--wrap=calloc,--wrap=realloc"]
-POINTS, MODES = 22, 5
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
 
@@ -36,59 +35,6 @@ def build(target, *flags):
 @pytest.fixture(scope="module")
 def program(tmp_path_factory):
     return build(tmp_path_factory.mktemp("c") / "ask", *STRICT, "-O1")
-
-
-def saturating(ring, coils, of, lower, upper, fixed=False, outside_currents="raise"):
-    """Fields of the ring's loops: those of `coils` coils, then of iron, then of a background."""
-    rng = np.random.default_rng(7)
-    used = np.resize(np.arange(6), coils + 2 + fixed)
-    iron = {
-        "constant": np.zeros(MODES),
-        "fixed": 1e-3 * rng.standard_normal(3 * POINTS) if fixed else np.zeros(0),
-    }
-    model = ReducedModel(
-        gradients=3e-3 * rng.standard_normal((3 * POINTS, MODES)),
-        source=3e-3 * rng.standard_normal((3 * POINTS, coils)),
-        weights=rng.random(POINTS) + 0.1,
-        law=np.arange(POINTS) % 2,
-        law_offset=[0, 3, 6],
-        law_knots=[0, 1e-3, 3e-3] * 2,
-        law_coefficients=[
-            *([0, 0, 2e3, 0], [0, -1999 / 4e-3, 2e3, 2], [0, 0, 1, 4.001]),
-            *([0, 0, 1e3, 0], [0, -999 / 4e-3, 1e3, 1], [0, 0, 1, 2.001]),
-        ],
-        air=1e-4 * np.eye(MODES),
-        output=rng.standard_normal((2, MODES)),
-        known_currents=of.currents(0.5 * (np.array(lower) + upper))[None],
-        known_amplitudes=np.zeros((1, MODES)),
-        lower=lower,
-        upper=upper,
-        parametrisation=of,
-        reference_weights=np.zeros(2),
-        **iron,
-    )
-    data = ring.data
-    return interpolate(
-        MapData(
-            data.grid,
-            tuple("abcdef"[:coils]),
-            np.ones(coils),
-            flux_density=np.array(data.flux_density)[used],
-            gradient=np.array(data.gradient)[used],
-            reduced_model=model,
-            constant_field=fixed,
-            fixed_sources=("background",) if fixed else (),
-        ),
-        outside_currents=outside_currents,
-    )
-
-
-KINDS = {
-    "free": (4, IndependentCurrents(4), [-1.0] * 4, [1.0] * 4),
-    "background": (3, IndependentCurrents(3), [-1.0] * 3, [1.0] * 3, True),
-    "groups": (4, CoilGroups([[0, 2], [1, 3]]), [-1.0, 0.0], [1.0, 2.0]),
-    "division": (6, LiftAndDirections(1.25, 2.0), [0.5, -0.4, -0.4], [2.0, 0.4, 0.4]),
-}
 
 
 def ask(program, m, questions, folder, tolerance):

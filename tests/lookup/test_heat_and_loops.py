@@ -207,7 +207,7 @@ def test_nothing_is_remembered_of_a_way_back_that_was_asked_for_only(m):
 @pytest.fixture
 def closely(monkeypatch):
     """Lookups and steps to the last digits."""
-    for name in ("_OF_LOOKUPS", "_OF_STEPS"):
+    for name in ("_OF_LOOKUPS", "STEP_TOLERANCE"):
         monkeypatch.setattr(current_model, name, 1e-12)
 
 
