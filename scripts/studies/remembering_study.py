@@ -148,9 +148,9 @@ def rows(given: Given) -> None:
         table = Table("quantity", "thesis", *both, title=part)
         found = [list(experiments.rows(one, part)) for one in both.values()]
         for pair in zip(*found, strict=False):
-            (words, thesis, _), texts = pair[0], {text for text, *_ in pair}
-            numbers = [f"{number:.4g}" for *_, number in pair]
-            table.add_row(" | ".join(sorted(texts)) if len(texts) > 1 else words, f"{thesis:.4g}", *numbers)
+            # Words that differ stand in the order of the columns.
+            words = " | ".join(dict.fromkeys(text for text, *_ in pair))
+            table.add_row(words, f"{pair[0][1]:.4g}", *(f"{number:.4g}" for *_, number in pair))
         CONSOLE.print(table)
 
 

@@ -51,7 +51,9 @@ def units(path: str, joint_path: str) -> dict[str, Unit]:
 def derivatives(numbers: Mapping[str, Array]) -> Array:
     """(..., 3), from the numbers of all units."""
     steps = {name: after - before for name, (before, after) in FITTED.items()}
-    return np.stack([(numbers[name] - numbers["as fitted"]) / steps[name] for name in FITTED], axis=-1)
+    # A run that does not settle has an infinite settling time, and no slope.
+    with np.errstate(invalid="ignore"):
+        return np.stack([(numbers[name] - numbers["as fitted"]) / steps[name] for name in FITTED], axis=-1)
 
 
 def covariance(each: Mapping[str, Unit]) -> Covariance:
