@@ -82,14 +82,22 @@ class Control(Record):
 
 def records(inputs: dict[str, Any]) -> Answers:
     """The integral times that make the first-order model answer as the machine does, and the figures of 6.4 to 6.7."""
-    controls = [Control(*map(float, row)) for row in inputs["controls"]]
     # Several figures show the same step.
     step = cache(partial(_step, inputs))
-    runs = [step(control, "x", 10.0, 12.0) for control in controls]
-    first = _models(inputs, "x")["first order"]
-    times = [_fitted_time(inputs, first, *pair) for pair in zip(controls, runs, strict=True)]
+    controls, runs, times = fitted_times(inputs, step)
     curves = (*_open_loop(inputs), *_closed_loop(inputs, controls, times, step))
     return Answers({"model_Ti": ours(times, *runs)}, curves)
+
+
+def fitted_times(
+    inputs: dict[str, Any], step: Callable[..., Readings] | None = None
+) -> tuple[list[Control], list[Readings], list[float]]:
+    """Each controller of x, the machine's step under it, and the model's integral time, s."""
+    controls = [Control(*map(float, row)) for row in inputs["controls"]]
+    runs = [(step or partial(_step, inputs))(control, "x", 10.0, 12.0) for control in controls]
+    first = _models(inputs, "x")["first order"]
+    times = [_fitted_time(inputs, first, *pair) for pair in zip(controls, runs, strict=True)]
+    return controls, runs, times
 
 
 def _models(inputs: Mapping[str, Any], axis: str) -> dict[str, TransferFunction]:

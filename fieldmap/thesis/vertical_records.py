@@ -95,18 +95,7 @@ _REDUCED, _FULL = Orders(poles=3, zeros=1), Orders(poles=4, zeros=3)
 
 def records(inputs: dict[str, Any]) -> Answers:
     """Table 5-2 from steps of the coupled machine, and the figures of chapter 5."""
-
-    def identified(share: float) -> tuple[dict[float, Readings], NDArray[np.complex128], Array]:
-        """Steps at a share of the gains, and (5-15) of each record: the slowest pair, and the zero."""
-        steps = {
-            float(Kc): step_of(inputs, (float(share * Kc), inputs["Ti"], inputs["Td"]), 8.0, 1.0)
-            for Kc in inputs["gains"]
-        }
-        seen, wanted = (np.array(signals) for signals in zip(*map(_around, steps.values()), strict=True))
-        found = identification.modified_least_squares_runs(seen, wanted, _REDUCED)
-        return steps, np.array([_slowest_pair(poles) for poles in found.poles]), found.zeros[:, 0].real
-
-    steps, pairs, zeros = identified(1.0)
+    steps, pairs, zeros = identified(inputs)
     found = {
         "pair_real": pairs.real,
         "pair_imaginary": pairs.imag,
@@ -115,9 +104,22 @@ def records(inputs: dict[str, Any]) -> Answers:
     one = _of_one_step(inputs, *next(iter(steps.items())))
     curves = (*one, _poles(inputs, pairs), *responses(inputs, steps))
     # What the calibration at one depth leaves open.
-    less = identified(inputs["less_gain"])[1].imag.tolist()
+    less = identified(inputs, inputs["less_gain"])[1].imag.tolist()
     numbers = {name: ours(value, *steps.values()) for name, value in found.items()}
     return Answers(numbers, curves, {"pair_of_less_gain": less})
+
+
+def identified(
+    inputs: dict[str, Any], share: float = 1.0
+) -> tuple[dict[float, Readings], NDArray[np.complex128], Array]:
+    """Steps at a share of the gains of Table 5-2, and (5-15) of each record: the slowest pair, and the zero."""
+    steps = {
+        float(Kc): step_of(inputs, (float(share * Kc), inputs["Ti"], inputs["Td"]), 8.0, 1.0)
+        for Kc in inputs["gains"]
+    }
+    seen, wanted = (np.array(signals) for signals in zip(*map(_around, steps.values()), strict=True))
+    found = identification.modified_least_squares_runs(seen, wanted, _REDUCED)
+    return steps, np.array([_slowest_pair(poles) for poles in found.poles]), found.zeros[:, 0].real
 
 
 def _slowest_pair(poles: NDArray[np.complex128]) -> complex:

@@ -2,8 +2,8 @@
 
     python scripts/dev/pictures.py [NAME ...] [--maps maps/out]
 
-NAME: app, drive_unit, figure_6_5, joints_x, joints_y, pole_disk, reachable, show or workspace; all unless given. Maps
-must be there.
+NAME: app, drive_unit, figure_6_5, joints_x, joints_y, pole_disk, reachable, remembering_gain, remembering_step, show or
+workspace; all unless given. Maps must be there.
 After it, `pytest tests/docs --rewrite-pictures` takes the new files into the records.
 """
 
@@ -120,6 +120,28 @@ def joints_y(folder: Path, maps: Path) -> None:
     of_report("S14_y_joints", "joints_y", folder, maps)
 
 
+def remembering_gain(folder: Path, maps: Path) -> None:
+    """Gain by the size of a loop, with hysteresis and without; a minute."""
+    of_remembering(folder, maps)
+
+
+def remembering_step(folder: Path, maps: Path) -> None:
+    """A step of the height, with hysteresis and without."""
+    of_remembering(folder, maps)
+
+
+def of_remembering(folder: Path, maps: Path) -> None:
+    """Both pictures of the study of hysteresis."""
+    script = [
+        sys.executable,
+        str(ROOT / "scripts" / "studies" / "remembering_study.py"),
+        "--only",
+        "pictures",
+    ]
+    words = ["--map", str(maps / "remembering.h5"), "--folder", str(folder)]
+    subprocess.run([*script, *words], check=True, env={**os.environ, VARIABLE: "both"})
+
+
 def of_report(part: str, name: str, folder: Path, maps: Path) -> None:
     """The figure of one part of the report on the thesis."""
     command("thesis", part, "--report", str(folder / "report"), "--maps", str(maps))
@@ -130,7 +152,8 @@ def of_report(part: str, name: str, folder: Path, maps: Path) -> None:
 
 
 PICTURES: tuple[Draw, ...] = (
-    app, drive_unit, figure_6_5, joints_x, joints_y, pole_disk, reachable, show, workspace,
+    app, drive_unit, figure_6_5, joints_x, joints_y, pole_disk, reachable, remembering_gain,
+    remembering_step, show, workspace,
 )  # fmt: skip
 
 

@@ -1,204 +1,213 @@
 """Does the hysteresis that was fitted to Table 6-4 of the thesis predict its dynamic tables?
 
-    python scripts/studies/remembering_study.py [--only gains tables branches] [--map maps/out/remembering.h5]
+    python scripts/studies/remembering_study.py [--only gains branches steps rests identified rows bars pictures]
 
 The map of maps/remembering.toml is used with its memory and without (the same model, its cells taken away). gains: how
-far the magnet goes and how much more it is pulled, by the size of a loop of a signal. tables: the shipped scenarios of
-chapters 6 and 7 with both. branches: Tables 6-4 to 6-7 by the map and by the full solver. Prints figures, not
-verdicts; docs/remembering_study.md reads them.
+far the magnet goes and how much more it is pulled, by the size of a loop of a signal. branches: Tables 6-4 to 6-7 by
+the map and by the full solver. steps: Tables 7-1 and 7-2. rests: of x under PD control, 6.5. identified: Table 5-2 and
+the integral times of 6.7 from steps of the unit. rows: other parts of `fieldmap thesis` on the unit. bars: standard
+deviations of gains and steps from those of the three fitted numbers; takes the map of another joint,
+`fieldmap map remembering --set parameters.joint=0.137 -o maps/out/remembering_joint.h5`. pictures: into a folder.
+Prints figures, not verdicts; docs/remembering_study.md reads them.
 """
 
 import argparse
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Mapping
+from pathlib import Path
 
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
-from dataclasses import replace  # noqa: E402
+from dataclasses import dataclass, replace  # noqa: E402
 
 import numpy as np  # noqa: E402
+from remembering import bars as fit_bars  # noqa: E402
+from remembering import experiments, pictures, places  # noqa: E402
+from remembering.unit import Unit, unit  # noqa: E402
 from rich.console import Console  # noqa: E402
 from rich.table import Table  # noqa: E402
-from scipy.optimize import fsolve  # noqa: E402
 
-import fieldmap as fm  # noqa: E402
-from fieldmap.dynamics.scenario import simulate_batches  # noqa: E402
 from fieldmap.iron import HysteresisSolver  # noqa: E402
-from fieldmap.lookup import FieldMap, interpolate  # noqa: E402
-from fieldmap.store import read_map  # noqa: E402
-from fieldmap.thesis.equilibrium_shift import divided  # noqa: E402
-from fieldmap.thesis.hysteresis import Protocol, prepared, walk  # noqa: E402
-from fieldmap.thesis.printed import read_part  # noqa: E402
 
-DEVICE, REFINEMENT = "drive_unit_joints", 0.4
-SCALE = 2.13
-"""Of the force: with it the map carries the body 10 mm deep with the 1.558 A of (7-18), as in docs/thesis_dynamics.md
-the map of the unit without joints with 2.1."""
+CONSOLE = Console(width=150)
 AMPLITUDES = (0.005, 0.02, 0.05, 0.1, 0.2)
 LEVEL_LOOPS = (0.001, 0.006, 0.02, 0.06, 0.12)
-# Of the experiments: scenario, changes, axes under PID control, axis of the step, and what the rig did.
-EXPERIMENTS = (
-    ("Table 7-1", "vertical_step", {}, "z", 2, "overshoot 50 %, peak 0.2 s, rise 0.102 s"),
-    ("Table 7-2, x", "horizontal_pid", {}, "xyz", 0, "overshoot 0 %, rise 0.7 s"),
-    ("Table 7-2, y", "horizontal_pid", {"reference.0.axis": "y"}, "xyz", 1, "overshoot 0 %, rise 0.9 s"),
+DERIVATIVES, NOISES = ("measurement", "error"), {"with memory": (1.0, 0.2, 0.0), "without": (1.0,)}
+"""Noise, a share of that of Table 3-8, matters to iron with memory alone."""
+PARTS = (
+    "S18_spikes",
+    "S18_combined",
+    "S18_sway",
+    "S18_regulator",
+    "S18_heights",
+    "S18_range",
 )
-NOISE = {"as Table 3-8": None, "a fifth": 0.2, "none": 0.0}
-DEVIATION = np.array([0.00542, 0.00838, 0.0104])
 
 
-def without_memory(path: str) -> FieldMap:
-    """The map with the same model of the iron, whose cells are taken away: it follows the anhysteretic law."""
-    data = read_map(path)
-    assert data.reduced_model is not None
-    model = replace(data.reduced_model, pinning=np.zeros((0, 0)), shares=np.zeros(0))
-    return interpolate(replace(data, reduced_model=model), outside_currents="evaluate")
+@dataclass(frozen=True)
+class Given:
+    """Of the command line."""
+
+    map: str
+    joint_map: str
+    parts: tuple[str, ...]
+    folder: Path
+
+    @property
+    def both(self) -> dict[str, Unit]:
+        """The unit with memory and without."""
+        return {"with memory": unit(self.map), "without": unit(self.map, 0.0)}
 
 
-def gains(both: dict[str, FieldMap], console: Console) -> None:
-    """Slopes between the ends of the second of two loops of each size, after the history "shaken"."""
-    protocol = Protocol("x", h=1e3 * fm.read_device(DEVICE).payload.magnet_offset)
-    for axis in "xy":
+def gains(given: Given) -> None:
+    """Slopes between the ends of the second of two loops of each size, after the history "shaken"; and from the start
+    to a signal on the first way out, as in Tables 6-4 and 6-6."""
+    both = given.both
+    for axis in places.AXES:
         table = Table("loop of the signal", *both, title=f"{axis} of the magnet, mm per unit of its signal")
         for size in AMPLITUDES:
-            row = []
-            for opened in both.values():
-                places = np.array(list(_loop(opened, replace(protocol, axis=axis), size)))
-                row.append(f"{1e3 * (places[6] - places[8]) / (2.0 * size):.1f}")
+            row = (f"{places.gain(one, axis, size):.1f}" for one in both.values())
             table.add_row(f"+- {size:g}", *row)
-        console.print(table)
+        row = (f"{places.way_out(one, axis, AMPLITUDES[3]):.1f}" for one in both.values())
+        table.add_row(f"first way out to {AMPLITUDES[3]:g}", *row)
+        CONSOLE.print(table)
     table = Table("loop of all currents", *both, title="d ln(lift) / d ln(current)")
     for share in LEVEL_LOOPS:
-        row = []
-        for opened in both.values():
-            levels = protocol.level * (1.0 + share * np.array([1.0, -1.0, 1.0, -1.0]))
-            lifts = [
-                _pull(opened, point, currents)[2]
-                for opened, point, currents in _steps(opened, levels, protocol)
-            ]
-            row.append(f"{np.log(lifts[3] / lifts[2]) / np.log(levels[3] / levels[2]):.3f}")
+        row = (f"{places.gain_of_lift(one, share):.3f}" for one in both.values())
         table.add_row(f"+- {100 * share:g} %", *row)
-    console.print(table)
+    CONSOLE.print(table)
 
 
-def _steps(
-    opened: FieldMap, levels: np.ndarray, protocol: Protocol
-) -> Iterator[tuple[FieldMap, np.ndarray, np.ndarray]]:
-    memory, point = _begun(opened, protocol), np.array([0.0, 0.0, protocol.height])
-    for level in levels:
-        currents = np.full(6, level)
-        memory = memory.step(currents) if memory.remembers else memory
-        yield memory, point, currents
-
-
-def _begun(opened: FieldMap, protocol: Protocol) -> FieldMap:
-    return opened.memory("shaken", protocol.level) if opened.remembers else opened
-
-
-def _pull(field: FieldMap, point: np.ndarray, currents: np.ndarray) -> np.ndarray:
-    """Force on an upright moment of 1 A m^2."""
-    return field.gradient(point, currents)[2]
-
-
-def _rest(field: FieldMap, currents: np.ndarray, height: float, near: np.ndarray) -> np.ndarray:
-    """Where an upright magnet is not pulled aside (2,), m."""
-
-    def aside(place: np.ndarray) -> np.ndarray:
-        return _pull(field, np.array([*place, height]), currents)[:2]
-
-    found: np.ndarray = fsolve(aside, near, xtol=1e-7)
-    return found
-
-
-def _loop(opened: FieldMap, protocol: Protocol, size: float) -> Iterator[float]:
-    memory, place, axis = _begun(opened, protocol), np.zeros(2), "xy".index(protocol.axis)
-    for signal in size * np.array([0.5, 1.0, 0.0, -1.0, 0.0, 0.5, 1.0, 0.0, -1.0]):
-        currents = protocol.currents(protocol.level, float(signal))
-        memory = memory.step(currents) if memory.remembers else memory
-        place = _rest(memory, currents, protocol.height, place)
-        yield float(place[axis])
-
-
-def tables(both: dict[str, FieldMap], console: Console) -> None:
-    """The shipped scenarios on both, by the noise of the sensors and by what the controllers differentiate."""
-    table = Table(
-        "experiment", "rig", "iron", "derivative of", "noise", "overshoot, %", "rise, s", "peak, s", "rms, mm"
-    )
-    for title, scenario, changes, controlled, axis, rig in EXPERIMENTS:
-        for name, opened in both.items():
-            for derivative in ("error", "measurement"):
-                more = {f"control.{one}.derivative": derivative for one in controlled}
-                for noise, share in NOISE.items():
-                    given = {"device": DEVICE, "field.scale": SCALE, **changes, **more}
-                    if share is not None:
-                        given["sensors.deviation_mm"] = (share * DEVIATION).tolist()
-                    simulation = simulate_batches(scenario, lambda opened=opened: opened, given, runs=4)
-                    steps = [run.metrics.axes[axis].step for run in simulation.batches[0].runs]
-                    numbers = [
-                        [100.0 * step.overshoot for step in steps],
-                        [step.rise_time for step in steps],
-                        [step.peak_time for step in steps],
-                        [step.steady_rms for step in steps],
-                    ]
-                    words = [f"{np.nanmean(np.array(each, float)):.3g}" for each in numbers]
-                    table.add_row(title, rig, name, derivative, noise, *words)
-    console.print(table)
-
-
-def branches(opened: FieldMap, console: Console) -> None:
+def branches(given: Given) -> None:
     """Places along Tables 6-4 to 6-7 with the lift held: map, full solver, largest difference."""
-    device = fm.read_device(DEVICE)
-    solver = HysteresisSolver(device, None, REFINEMENT)
+    one = unit(given.map)
+    solver = HysteresisSolver(one.device, None, places.REFINEMENT)
     table = Table(
         "table", "largest difference, mm", "largest shift, mm", title="branches by map and full solver"
     )
-    for number, (axis, side) in enumerate((a, s) for a in "xy" for s in ("positive", "negative")):
-        signals = read_part(f"S14_{axis}_branches").inputs[f"{side}_signals"]
-        signals = np.concatenate([signals, signals[-2::-1]])
-        protocol = Protocol(axis, h=1e3 * device.payload.magnet_offset)
-        full = walk(solver, prepared(solver, "shaken", protocol, 0.4), signals, protocol)
-        along = np.array(list(_walked(opened, signals, protocol)))[:, "xy".index(axis)]
-        difference = 1e3 * np.abs((along - along[0]) - full.shift(axis)).max()
-        table.add_row(f"6-{4 + number}", f"{difference:.3f}", f"{1e3 * np.abs(full.shift(axis)).max():.2f}")
-    console.print(table)
+    for number, which in enumerate(places.BRANCHES):
+        full = places.branch_of_solver(one, solver, *which)
+        difference = np.abs(places.branch(one, *which) - full).max()
+        table.add_row(f"6-{4 + number}", f"{difference:.3f}", f"{np.abs(full).max():.2f}")
+    CONSOLE.print(table)
 
 
-def _walked(opened: FieldMap, signals: np.ndarray, protocol: Protocol) -> Iterator[np.ndarray]:
-    """Places (2,) at signals, the level such that the lift stays that at the first."""
-    memory, known, lift = _begun(opened, protocol), np.array([0.0, 0.0, protocol.level]), np.nan
-    for signal in signals:
-        known = fsolve(_left, known, (memory, float(signal), protocol, lift), xtol=1e-7)
-        currents = divided(known[2], float(signal), protocol.axis, protocol.n)
-        if np.isnan(lift):
-            lift = _pull(memory, np.array([*known[:2], protocol.height]), currents)[2]
-        memory = memory.step(currents)
-        yield known[:2]
+def steps(given: Given) -> None:
+    """Tables 7-1 and 7-2, by the noise of the sensors and by what the controllers differentiate: means of some runs,
+    and the standard deviation from run to run."""
+    for step in experiments.STEPS:
+        table = Table("iron", "derivative of", "noise", *experiments.FIGURES, title=step.name)
+        table.add_row("rig", "", "", *(f"{number:.3g}" for number in step.rig))
+        for name, one in given.both.items():
+            for derivative in DERIVATIVES:
+                for noise in NOISES[name]:
+                    found = experiments.step_figures(replace(one, derivative=derivative, noise=noise), step)
+                    # A run that does not settle has an infinite settling time, and its spread is none.
+                    with np.errstate(invalid="ignore"):
+                        mean, spread = found.mean(axis=0), found.std(axis=0)
+                    row = (f"{m:.3g} ({s:.1g})" for m, s in zip(mean, spread, strict=True))
+                    table.add_row(name, derivative, f"{noise:g}", *row)
+        CONSOLE.print(table)
 
 
-def _left(
-    unknowns: np.ndarray, memory: FieldMap, signal: float, protocol: Protocol, lift: float
-) -> np.ndarray:
-    """Pull aside, and what the lift is off, or the level from that of the protocol where no lift is known."""
-    currents = divided(unknowns[2], signal, protocol.axis, protocol.n)
-    pull = _pull(memory, np.array([*unknowns[:2], protocol.height]), currents)
-    return np.array([*pull[:2], unknowns[2] - protocol.level if np.isnan(lift) else pull[2] - lift])
+def rests(given: Given) -> None:
+    """Where PD control lets the magnet rest on a way of 6.5, mm, by the noise."""
+    asked = [f"{place:g}" for place in experiments.ASKED.values()]
+    for axis, rig in experiments.RESTS.items():
+        title = f"{axis} under PD control, asked to go to 1 mm, to -1 mm and back by steps of 0.1 mm"
+        table = Table("iron", "noise", *asked, title=title)
+        table.add_row("rig", "", *(f"{rig[k]:.3f}" if k in rig else "" for k in experiments.ASKED))
+        for name, one in given.both.items():
+            for noise in NOISES[name]:
+                found = experiments.rests(replace(one, noise=noise), axis)
+                table.add_row(name, f"{noise:g}", *(f"{place:.3f}" for place in found))
+        CONSOLE.print(table)
+
+
+def identified(given: Given) -> None:
+    """Table 5-2, and the integral times of 6.7, from steps of the unit."""
+    table = Table(
+        "iron", "derivative of", "K_c, V/mm", "slowest pair", "zero", title="(5-15) by the thesis's estimator"
+    )
+    times = Table("iron", "derivative of", "model's integral times, s", title="6.7; rig 0.125, 0.098, 0.14")
+    for name, one in given.both.items():
+        for derivative in DERIVATIVES:
+            made = replace(one, derivative=derivative)
+            for gain, pair, zero in zip(*experiments.poles(made), strict=True):
+                words = f"{pair.real:.4f} +- {pair.imag:.4f}i"
+                table.add_row(name, derivative, f"{gain:g}", words, f"{zero:.4f}")
+            times.add_row(name, derivative, ", ".join(f"{t:.3f}" for t in experiments.integral_times(made)))
+    CONSOLE.print(table, times)
+
+
+def rows(given: Given) -> None:
+    """Parts of `fieldmap thesis` on the unit, derivative of the measurement, noise of Table 3-8."""
+    both = given.both
+    for part in given.parts:
+        table = Table("quantity", "thesis", *both, title=part)
+        found = [list(experiments.rows(one, part)) for one in both.values()]
+        for pair in zip(*found, strict=False):
+            # Words that differ stand in the order of the columns.
+            words = " | ".join(dict.fromkeys(text for text, *_ in pair))
+            table.add_row(words, f"{pair[0][1]:.4g}", *(f"{number:.4g}" for *_, number in pair))
+        CONSOLE.print(table)
+
+
+def bars(given: Given) -> None:
+    """Standard deviations of predictions from those of joint, coercive field and h."""
+    each = fit_bars.units(given.map, given.joint_map)
+    CONSOLE.print("factor on the force:", {name: round(float(one.scale), 3) for name, one in each.items()})
+    found = fit_bars.covariance(each)
+    words = dict(zip(fit_bars.FITTED, found.deviations.round(4).tolist(), strict=True))
+    CONSOLE.print(f"Table 6-4 on this mesh: off by {found.misfit:.2f} mm rms; standard deviations", words)
+    CONSOLE.print("correlation", found.correlation.round(2).tolist())
+    _show_bars("gains", fit_bars.gains(each), found)
+    for derivative in DERIVATIVES:
+        _show_bars(f"steps, derivative of the {derivative}", fit_bars.steps(each, derivative), found)
+
+
+def _show_bars(
+    title: str, numbers: Mapping[str, Mapping[str, np.ndarray]], found: fit_bars.Covariance
+) -> None:
+    changed = [f"{name.split(',')[0]} {after:g}" for name, (_, after) in fit_bars.FITTED.items()]
+    table = Table("figure", "as fitted", *changed, "+-", title=title)
+    for words, by_unit in numbers.items():
+        row = (f"{number:.3g}" for number in by_unit.values())
+        table.add_row(words, *row, f"{float(fit_bars.bar(found, by_unit)):.2g}")
+    CONSOLE.print(table)
+
+
+def draw(given: Given) -> None:
+    """Both pictures of the page."""
+    for path in pictures.draw(given.both, given.folder):
+        CONSOLE.print(path)
+
+
+GROUPS: dict[str, Callable[[Given], None]] = {
+    "gains": gains,
+    "branches": branches,
+    "steps": steps,
+    "rests": rests,
+    "identified": identified,
+    "rows": rows,
+    "bars": bars,
+    "pictures": draw,
+}
 
 
 def main() -> None:
     """Print the tables that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", nargs="+", choices=["gains", "tables", "branches"])
+    parser.add_argument("--only", nargs="+", choices=list(GROUPS), default=list(GROUPS))
     parser.add_argument("--map", default="maps/out/remembering.h5")
-    given = parser.parse_args()
-    wanted, console = given.only or ["gains", "tables", "branches"], Console(width=150)
-    opened = fm.open_map(given.map, outside_currents="evaluate")
-    both = {"with memory": opened, "without": without_memory(given.map)}
-    if "gains" in wanted:
-        gains(both, console)
-    if "tables" in wanted:
-        tables(both, console)
-    if "branches" in wanted:
-        branches(opened, console)
+    parser.add_argument("--joint-map", default="maps/out/remembering_joint.h5", help="for bars")
+    parser.add_argument("--parts", nargs="+", default=list(PARTS), help="of `fieldmap thesis`, for rows")
+    parser.add_argument("--folder", default="docs/images", type=Path, help="for pictures")
+    options = parser.parse_args()
+    given = Given(options.map, options.joint_map, tuple(options.parts), options.folder)
+    for name in options.only:
+        GROUPS[name](given)
 
 
 if __name__ == "__main__":

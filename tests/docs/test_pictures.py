@@ -62,6 +62,14 @@ LONG = {
         "fieldmap show eight_coils --what reachable --quantity B --limit 5",
         ("device:eight_coils",),
     ),
+    "remembering_gain.png": (
+        "python scripts/studies/remembering_study.py --only pictures",
+        ("device:drive_unit_joints", "recipe:remembering"),
+    ),
+    "remembering_step.png": (
+        "python scripts/studies/remembering_study.py --only pictures",
+        ("device:drive_unit_joints", "recipe:remembering", "scenario:vertical_step"),
+    ),
     "show.png": ("fieldmap show drive_unit --what iron", ("device:drive_unit", "recipe:workspace")),
     "workspace.png": ("make map", ("device:drive_unit", "recipe:workspace")),
 }

@@ -1,0 +1,1 @@
+"""Parts of scripts/studies/remembering_study.py."""
