@@ -18,6 +18,8 @@ from .unit import Unit, begun, pull
 REFINEMENT = 0.4
 BRANCHES: tuple[tuple[Axis, str], ...] = tuple((a, s) for a in AXES for s in ("positive", "negative"))
 """Tables 6-4 to 6-7."""
+# Squared relative step of differences. The model of the iron is solved to 5e-7: shorter steps would show that.
+_STEP = 1e-10
 
 
 def gain(unit: Unit, axis: Axis, size: float) -> float:
@@ -87,7 +89,7 @@ def _walked(opened: FieldMap, signals: Array, protocol: Protocol) -> Iterator[Ar
     """Places (2,) at signals, the level such that the lift stays that at the first."""
     memory, known, lift = begun(opened, protocol), np.array([0.0, 0.0, protocol.level]), np.nan
     for signal in signals:
-        known = fsolve(_left, known, (memory, float(signal), protocol, lift), xtol=1e-7)
+        known = fsolve(_left, known, (memory, float(signal), protocol, lift), xtol=1e-7, epsfcn=_STEP)
         currents = divided(known[2], float(signal), protocol.axis, protocol.n)
         if np.isnan(lift):
             lift = pull(memory, np.array([*known[:2], protocol.height]), currents)[2]
