@@ -239,6 +239,8 @@ def modelled(field_map: FieldMap, scale: float = 1.0, loop: float = 0.0) -> Fiel
     ------
     NotConverged
         Where the model has no solution in the domain.
+    InputError
+        For a negative loop.
     """
     check_not_negative("modelled", loop=loop)
     if not saturates(field_map):
@@ -256,7 +258,10 @@ def modelled(field_map: FieldMap, scale: float = 1.0, loop: float = 0.0) -> Fiel
 
 
 def tabled(
-    field_map: FieldMap, nodes: tuple[int, int, int] | None = None, scale: float = 1.0
+    field_map: FieldMap,
+    nodes: tuple[int, int, int] | None = None,
+    scale: float = 1.0,
+    loop: float = 0.0,
 ) -> FieldOfCurrents:
     """The field of a map of saturating iron over its division (u, x, y), by a table.
 
@@ -271,6 +276,8 @@ def tabled(
         given.
     scale
         A calibration, by which all of the field is multiplied.
+    loop
+        A: linear models take the slopes of loops of this size.
 
     Returns
     -------
@@ -280,13 +287,14 @@ def tabled(
     Raises
     ------
     InputError
-        For a map of another domain.
+        For a map of another domain, or a negative loop.
     """
+    check_not_negative("tabled", loop=loop)
     table = table_of_currents(field_map, nodes)
     states = " x ".join(map(str, table.nodes))
     off = f"{1e6 * table.error.flux_density:.2g} uT and {1e3 * table.error.gradient:.2g} mT/m"
     note = f"saturating iron by a table of {states} states of the division, within {off} of the map's model"
-    return _following(field_map, scale, "table", note, table=table.core)
+    return replace(_following(field_map, scale, "table", note, table=table.core), loop=loop)
 
 
 def _following(

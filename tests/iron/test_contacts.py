@@ -14,7 +14,7 @@ from fieldmap.iron.mesh.mesh import generate_mesh, volumes
 from fieldmap.iron.sensitivity import by_nodes
 from fieldmap.iron.sensitivity.changes import Parameters
 from fieldmap.iron.sensitivity.moved_bodies import MovedBodies
-from fieldmap.iron.solvers import nonlinear
+from fieldmap.iron.solvers import meshed_device
 from fieldmap.iron.topology import build_faces
 
 CORE = """[[body]]
@@ -110,7 +110,7 @@ def test_against_differences_of_whole_solves_on_moved_nodes(key, closed_form_bet
     solved, derivatives = solved_by_closed_forms()
     fields = []
     for side, mesh in zip((1, -1), moved(key, step, solved.mesh), strict=True):
-        monkeypatch.setattr(nonlinear, "generate_mesh", lambda *_, mesh=mesh: mesh)
+        monkeypatch.setattr(meshed_device, "generate_mesh", lambda *_, mesh=mesh: mesh)
         device = fm.read_device(TEXT, {key: value + side * step})
         fields.append(NonlinearSolver(device).solve([CURRENT], tolerance=1e-8).field(AT.points))
     difference = (fields[0] - fields[1]) / (2 * step)

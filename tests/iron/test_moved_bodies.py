@@ -14,7 +14,7 @@ from fieldmap.iron.mesh.mesh import volumes
 from fieldmap.iron.sensitivity import by_nodes
 from fieldmap.iron.sensitivity.changes import Parameters
 from fieldmap.iron.sensitivity.moved_bodies import MovedBodies
-from fieldmap.iron.solvers import linear, nonlinear
+from fieldmap.iron.solvers import linear, meshed_device
 from fieldmap.iron.topology import build_faces
 from tests.conftest import DEVICES
 
@@ -74,7 +74,7 @@ def found(linear_iron, name):
 
 
 def solved_on(mesh, key, value, linear_iron, monkeypatch):
-    module = linear if linear_iron else nonlinear
+    module = linear if linear_iron else meshed_device
     monkeypatch.setattr(module, "generate_mesh", lambda *_: mesh)
     device = fm.read_device(text(), {key: value})
     if linear_iron:
@@ -231,7 +231,7 @@ def test_a_mesh_with_symmetry_has_the_derivatives_of_the_same_without(monkeypatc
     state = NonlinearSolver(device, 0.7).solve([20.0], tolerance=1e-8)
     assert state.mesh.symmetry is not None
     found = state.derivative(at, keys)
-    monkeypatch.setattr(nonlinear, "generate_mesh", lambda *_: replace(state.mesh, symmetry=None))
+    monkeypatch.setattr(meshed_device, "generate_mesh", lambda *_: replace(state.mesh, symmetry=None))
     expected = NonlinearSolver(device).solve([20.0], tolerance=1e-8).derivative(at, keys)
     for key in keys:
         np.testing.assert_allclose(found[key], expected[key], atol=1e-4 * np.abs(expected[key]).max())

@@ -71,7 +71,6 @@ class FieldSettings(Record):
             "numbers of nodes of that table for u, x and y, each at least 4; as many as it needs unless given",
         ),
     ] = None
-
     loop: Annotated[
         Positive | None,
         Key(
@@ -88,7 +87,7 @@ class FieldSettings(Record):
             return linearised(opened, currents, self.scale, self.loop)
         wanted = self.iron == "table" or (self.iron == "auto" and self.table is not None)
         if wanted and saturates(opened):
-            return replace(tabled(opened, self.table, self.scale), loop=self.loop or 0.0)
+            return tabled(opened, self.table, self.scale, self.loop or 0.0)
         return modelled(opened, self.scale, self.loop or 0.0)
 
 
