@@ -126,31 +126,49 @@ static inline double fieldmap_cell_bounded(
 
 /* Cells that move to a new reversible field r, one in each lane. A cell remembers its field p and the ratio of its polarisation
  * to it. r lies on the circle of radius kappa about h, in the plane of h and p. Its axes are u, the direction from p to h, which
- * are `away` from each other, and v. n: direction of h - r. mu: of (2), 0 as long as it is not found; chord, slope: J / |r| and
- * dJ / d|r|. heat: of the cells that were told to remember, times mu0: (5). The other numbers are those of fieldmap_cells_add. */
+ * are `away` from each other, and v. step: h - p. n: direction of h - r. mu: of (2), 0 as long as it is not found; chord, slope:
+ * J / |r| and dJ / d|r|. heat: of the cells that were told to remember, times mu0: (5). The other numbers are those of
+ * fieldmap_cells_add. */
 typedef struct fieldmap_cell_lanes {
     int count, piece[FIELDMAP_CELL_LANES], *known[FIELDMAP_CELL_LANES];
     double heat;
-    double h_u[FIELDMAP_CELL_LANES], h_v[FIELDMAP_CELL_LANES], away[FIELDMAP_CELL_LANES], kappa[FIELDMAP_CELL_LANES];
-    double ratio[FIELDMAP_CELL_LANES], n_u[FIELDMAP_CELL_LANES], n_v[FIELDMAP_CELL_LANES], mu[FIELDMAP_CELL_LANES];
-    double chord[FIELDMAP_CELL_LANES], slope[FIELDMAP_CELL_LANES], u[FIELDMAP_CELL_LANES][3], v[FIELDMAP_CELL_LANES][3];
-    double share[FIELDMAP_CELL_LANES], *j[FIELDMAP_CELL_LANES], *after[FIELDMAP_CELL_LANES], *susceptible[FIELDMAP_CELL_LANES];
-    const double *h[FIELDMAP_CELL_LANES], *before[FIELDMAP_CELL_LANES];
+    double h[3][FIELDMAP_CELL_LANES], step[3][FIELDMAP_CELL_LANES], kappa[FIELDMAP_CELL_LANES], ratio[FIELDMAP_CELL_LANES];
+    double u[3][FIELDMAP_CELL_LANES], v[3][FIELDMAP_CELL_LANES], away[FIELDMAP_CELL_LANES], h_u[FIELDMAP_CELL_LANES];
+    double h_v[FIELDMAP_CELL_LANES], n_u[FIELDMAP_CELL_LANES], n_v[FIELDMAP_CELL_LANES], mu[FIELDMAP_CELL_LANES];
+    double chord[FIELDMAP_CELL_LANES], slope[FIELDMAP_CELL_LANES], share[FIELDMAP_CELL_LANES];
+    double *j[FIELDMAP_CELL_LANES], *after[FIELDMAP_CELL_LANES], *susceptible[FIELDMAP_CELL_LANES];
+    const double *before[FIELDMAP_CELL_LANES];
     fieldmap_iron_curve of[FIELDMAP_CELL_LANES];
 } fieldmap_cell_lanes;
 
-/* Turn n, which begins at u, by Newton's method until J(r) - J(p) points along it. Lanes beyond count repeat the first one. A lane
- * that is found does not change any more, so that no cell depends on its neighbours. mu stays 0 where the method fails. */
+/* Fill u, v and the places of h and p in their plane. Lanes beyond count repeat the first one. */
+static inline void fieldmap_cells_frame(fieldmap_cell_lanes *s)
+{
+    int i, k;
+    for (i = s->count; i < FIELDMAP_CELL_LANES; i++) {
+        for (k = 0; k < 3; k++) s->h[k][i] = s->h[k][0], s->step[k][i] = s->step[k][0];
+        s->kappa[i] = s->kappa[0], s->ratio[i] = s->ratio[0], s->of[i] = s->of[0], s->piece[i] = s->piece[0];
+    }
+    for (i = 0; i < FIELDMAP_CELL_LANES; i++) {
+        const double x = s->step[0][i], y = s->step[1][i], z = s->step[2][i], away = sqrt(x * x + y * y + z * z);
+        const double inverse = 1.0 / away, u_x = x * inverse, u_y = y * inverse, u_z = z * inverse;
+        const double h_u = s->h[0][i] * u_x + s->h[1][i] * u_y + s->h[2][i] * u_z;
+        const double v_x = s->h[0][i] - h_u * u_x, v_y = s->h[1][i] - h_u * u_y, v_z = s->h[2][i] - h_u * u_z;
+        const double h_v = sqrt(v_x * v_x + v_y * v_y + v_z * v_z), across = 1.0 / (h_v > 1e-300 ? h_v : 1e-300);
+        s->u[0][i] = u_x, s->u[1][i] = u_y, s->u[2][i] = u_z;
+        s->v[0][i] = v_x * across, s->v[1][i] = v_y * across, s->v[2][i] = v_z * across;
+        s->away[i] = away, s->h_u[i] = h_u, s->h_v[i] = h_v;
+    }
+}
+
+/* Turn n, which begins at u, by Newton's method until J(r) - J(p) points along it. A lane that is found does not change
+ * any more, so that no cell depends on its neighbours. mu stays 0 where the method fails. */
 static inline void fieldmap_cells_turn(fieldmap_cell_lanes *s)
 {
     double open[FIELDMAP_CELL_LANES], left;
     int i, k;
-    for (i = 0; i < FIELDMAP_CELL_LANES; i++) {
-        const int from = i < s->count ? i : 0;
-        s->h_u[i] = s->h_u[from], s->h_v[i] = s->h_v[from], s->away[i] = s->away[from], s->kappa[i] = s->kappa[from];
-        s->ratio[i] = s->ratio[from], s->of[i] = s->of[from], s->piece[i] = s->piece[from];
+    for (i = 0; i < FIELDMAP_CELL_LANES; i++)
         s->n_u[i] = open[i] = 1.0, s->n_v[i] = s->mu[i] = s->chord[i] = s->slope[i] = 0.0;
-    }
     for (k = 0, left = 1.0; k < FIELDMAP_CELL_TURNS && left > 0.0; k++) {
         double size[FIELDMAP_CELL_LANES], t[FIELDMAP_CELL_LANES], c[4][FIELDMAP_CELL_LANES];
         for (i = 0; i < FIELDMAP_CELL_LANES; i++) {
@@ -229,14 +247,15 @@ static inline void fieldmap_cells_finish(fieldmap_cell_lanes *s)
 {
     int i, k;
     if (s->count == 0) return;
+    fieldmap_cells_frame(s);
     fieldmap_cells_turn(s);
     for (k = 0; k < s->count; k++) {
-        const double *h = s->h[k], *p = s->before[k], kappa = s->kappa[k];
+        const double *p = s->before[k], kappa = s->kappa[k], h[3] = {s->h[0][k], s->h[1][k], s->h[2][k]};
+        const double r_u = s->h_u[k] - kappa * s->n_u[k], r_v = s->h_v[k] - kappa * s->n_v[k];
         double r[3], j[3];
-        for (i = 0; i < 3; i++)
-            r[i] = (s->h_u[k] - kappa * s->n_u[k]) * s->u[k][i] + (s->h_v[k] - kappa * s->n_v[k]) * s->v[k][i];
+        for (i = 0; i < 3; i++) r[i] = r_u * s->u[i][k] + r_v * s->v[i][k];
         if (s->mu[k] == 0.0) {
-            for (i = 0; i < 3; i++) r[i] = h[i] - kappa * s->u[k][i], j[i] = p[3] * p[i];
+            for (i = 0; i < 3; i++) r[i] = h[i] - kappa * s->u[i][k], j[i] = p[3] * p[i];
             s->mu[k] = fieldmap_cell_bounded(s->of + k, s->piece + k, h, j, kappa, r);
             s->chord[k] = fieldmap_iron_chord(s->of + k, s->piece + k, fieldmap_norm(r), s->slope + k);
         }
@@ -263,9 +282,10 @@ static inline void fieldmap_cells_add(fieldmap_cell_lanes *moving, const fieldma
     for (i = 0; i < 3; i++) j[i] = 0.0;
     for (i = 0; i < 6 && susceptible != NULL; i++) susceptible[i] = 0.0;
     for (k = 0; k < cells; k++, before += 4) {
-        const double share = weight * shares[k], kappa = pinning[k];
+        const double share = weight * shares[k], kappa = pinning[k], rounding = 1e-15 * (size + kappa);
+        const double x = h[0] - before[0], y = h[1] - before[1], z = h[2] - before[2];
         const int m = moving->count;
-        double *u = moving->u[m], *v = moving->v[m], *then = after == NULL ? NULL : after + 4 * k, away, h_u, h_v;
+        double *then = after == NULL ? NULL : after + 4 * k;
         int at = piece == NULL ? of->low : piece[k];
         if (kappa == 0.0) {
             double slope, chord = fieldmap_iron_chord(of, &at, size, &slope);
@@ -273,22 +293,16 @@ static inline void fieldmap_cells_add(fieldmap_cell_lanes *moving, const fieldma
             if (piece != NULL) piece[k] = at;
             continue;
         }
-        for (i = 0; i < 3; i++) u[i] = h[i] - before[i];
-        away = fieldmap_norm(u);
         /* A cell that ended a move in this field is farther than kappa by rounding only. */
-        if (away - kappa <= 1e-15 * (size + kappa)) {
+        if (x * x + y * y + z * z <= (kappa + rounding) * (kappa + rounding)) {
             for (i = 0; i < 3; i++) j[i] += share * before[3] * before[i];
             for (i = 0; i < 4 && then != NULL; i++) then[i] = before[i];
             continue;
         }
-        for (i = 0; i < 3; i++) u[i] /= away;
-        h_u = h[0] * u[0] + h[1] * u[1] + h[2] * u[2];
-        for (i = 0; i < 3; i++) v[i] = h[i] - h_u * u[i];
-        h_v = fieldmap_norm(v);
-        for (i = 0; i < 3; i++) v[i] = h_v > 0.0 ? v[i] / h_v : 0.0;
-        moving->h_u[m] = h_u, moving->h_v[m] = h_v, moving->away[m] = away, moving->kappa[m] = kappa;
-        moving->ratio[m] = before[3], moving->share[m] = share, moving->h[m] = h, moving->before[m] = before;
-        moving->j[m] = j, moving->after[m] = then, moving->susceptible[m] = susceptible;
+        for (i = 0; i < 3; i++) moving->h[i][m] = h[i];
+        moving->step[0][m] = x, moving->step[1][m] = y, moving->step[2][m] = z, moving->kappa[m] = kappa;
+        moving->ratio[m] = before[3], moving->share[m] = share, moving->before[m] = before, moving->j[m] = j;
+        moving->after[m] = then, moving->susceptible[m] = susceptible;
         moving->of[m] = *of, moving->piece[m] = at, moving->known[m] = piece == NULL ? NULL : piece + k;
         if (++moving->count == FIELDMAP_CELL_LANES) fieldmap_cells_finish(moving);
     }
