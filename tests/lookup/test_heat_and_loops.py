@@ -206,9 +206,8 @@ def test_nothing_is_remembered_of_a_way_back_that_was_asked_for_only(m):
 
 @pytest.fixture
 def closely(monkeypatch):
-    """Lookups and steps to the last digits."""
-    for name in ("_OF_LOOKUPS", "STEP_TOLERANCE"):
-        monkeypatch.setattr(current_model, name, 1e-12)
+    """Lookups to the last digits."""
+    monkeypatch.setattr(current_model, "_OF_LOOKUPS", 1e-12)
 
 
 def test_without_pinning_a_map_is_that_of_iron_without_cells(closely, plain):
