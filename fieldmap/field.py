@@ -400,6 +400,23 @@ class Field(TakesPoints):
         """
         return 0.0
 
+    def after_loop(self, currents: Any, swing: ArrayLike) -> Field:
+        """This field in the middle of the second of two loops of the currents, if it depends on earlier currents.
+
+        Parameters
+        ----------
+        currents
+            Currents about which the loops go, A.
+        swing
+            Change (n_coils,) of the currents to either side, A.
+
+        Returns
+        -------
+        Field
+            The field; this one if it depends on the present currents alone.
+        """
+        return self
+
     def unit_field(self, points: ArrayLike) -> Array:
         """Flux density per ampere in each coil.
 

@@ -33,6 +33,7 @@ _OPTIONS = (
     "-fno-math-errno",
     "-fno-trapping-math",
     "-fvisibility=hidden",
+    "-shared",
 )
 # By machine: processors for which a library is compiled, from the one that any has to the newest.
 _PROCESSORS = {"x86_64": ("x86-64-v2", "x86-64-v3", "x86-64-v4")}
@@ -108,17 +109,7 @@ def compile_libraries(
         with tempfile.TemporaryDirectory(dir=FOLDER) as folder:
             new = Path(folder, path.name)
             # The user's own options come behind, and win.
-            command = [
-                *chosen,
-                *_OPTIONS,
-                "-shared",
-                *own,
-                *headers,
-                "-o",
-                str(new),
-                str(FOLDER / "python.c"),
-                *linked,
-            ]
+            command = [*chosen, *_OPTIONS, *own, *headers, "-o", str(new), str(FOLDER / "python.c"), *linked]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             if done.returncode:
                 raise RuntimeError(f"{shlex.join(command)}\n{done.stderr}")

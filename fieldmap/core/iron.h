@@ -376,19 +376,6 @@ static inline int fieldmap_iron_some(const fieldmap_iron *map, int first)
     return map->p - first < FIELDMAP_IRON_POINTS ? map->p - first : FIELDMAP_IRON_POINTS;
 }
 
-/* Fill applied[3 p], the field of coils and background at the points, T. */
-static inline void fieldmap_iron_apply(const fieldmap_iron *map, fieldmap_iron_state *s, const double *currents)
-{
-    const int c = map->n_coils;
-    int i, k;
-    for (i = 0; i < 3 * map->p; i++) {
-        const double *unit = map->source + (size_t)i * (size_t)c;
-        double total = map->has_fixed ? map->fixed[i] : 0.0;
-        for (k = 0; k < c; k++) total += unit[k] * currents[k];
-        s->applied[i] = total;
-    }
-}
-
 /* Fill h at amplitudes a (padded with zeros to `wide` numbers), with sums in double precision. */
 static inline void fieldmap_iron_field_at(const fieldmap_iron *map, fieldmap_iron_state *s, const double *a)
 {
@@ -744,6 +731,19 @@ static inline void fieldmap_iron_continue(const fieldmap_iron *map, fieldmap_iro
     for (i = 0; i < r; i++) {
         a[i] = 0.0;
         for (j = 0; j < count; j++) a[i] += weights[j] * states[j * r + i];
+    }
+}
+
+/* Fill applied[3 p], the field of coils and background at the points, T. */
+static inline void fieldmap_iron_apply(const fieldmap_iron *map, fieldmap_iron_state *s, const double *currents)
+{
+    const int c = map->n_coils;
+    int i, k;
+    for (i = 0; i < 3 * map->p; i++) {
+        const double *unit = map->source + (size_t)i * (size_t)c;
+        double total = map->has_fixed ? map->fixed[i] : 0.0;
+        for (k = 0; k < c; k++) total += unit[k] * currents[k];
+        s->applied[i] = total;
     }
 }
 

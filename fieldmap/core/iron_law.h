@@ -191,22 +191,20 @@ static inline void fieldmap_cells_turn(fieldmap_cell_lanes *s)
             const double inverse = 1.0 / (size[i] > 1e-30 ? size[i] : 1e-30);
             const double slope = (3.0 * c[0][i] * t[i] + 2.0 * c[1][i]) * t[i] + c[2][i];
             const double j = ((c[0][i] * t[i] + c[1][i]) * t[i] + c[2][i]) * t[i] + c[3][i] - (size[i] - t[i]);
-            const double ratio = j * inverse, chord = size[i] > 1e-30 ? ratio : slope;
+            const double chord = size[i] > 1e-30 ? j * inverse : slope;
             const double g_u = chord * r_u - s->ratio[i] * (s->h_u[i] - s->away[i]), g_v = chord * r_v - s->ratio[i] * s->h_v[i];
             const double along = g_u * n_u + g_v * n_v, across = (r_v * n_u - r_u * n_v) * inverse;
             const double turn = (g_v * n_u - g_u * n_v) / (along + kappa * (chord + (slope - chord) * across * across));
-            const double least = turn < -0.5 ? -0.5 : turn, angle = least > 0.5 ? 0.5 : least;
+            const double angle = turn < -0.5 ? -0.5 : turn > 0.5 ? 0.5 : turn;
             const double x = n_u - angle * n_v, y = n_v + angle * n_u, scale = 1.0 / sqrt(x * x + y * y);
-            const double turned_u = x * scale, turned_v = y * scale, push = along / kappa, mu = push > 1e-13 ? push : 1e-13;
-            const double behind = chord - (slope - chord) * kappa * angle * across * inverse;
-            const double was = open[i], going = along > 0.0 ? was : 0.0;
+            const double push = along / kappa;
+            const double going = along > 0.0 ? open[i] : 0.0;
             /* The angle behind a small one is about its square. */
             const double found = fabs(angle) <= 1e-8 ? going : 0.0;
-            const double last_mu = s->mu[i], last_chord = s->chord[i], last_slope = s->slope[i];
-            s->n_u[i] = going > 0.0 ? turned_u : n_u, s->n_v[i] = going > 0.0 ? turned_v : n_v;
-            s->mu[i] = found > 0.0 ? mu : last_mu;
-            s->chord[i] = found > 0.0 ? behind : last_chord;
-            s->slope[i] = found > 0.0 ? slope : last_slope;
+            s->n_u[i] = going > 0.0 ? x * scale : n_u, s->n_v[i] = going > 0.0 ? y * scale : n_v;
+            s->mu[i] = found > 0.0 ? (push > 1e-13 ? push : 1e-13) : s->mu[i];
+            s->chord[i] = found > 0.0 ? chord - (slope - chord) * kappa * angle * across * inverse : s->chord[i];
+            s->slope[i] = found > 0.0 ? slope : s->slope[i];
             open[i] = going - found;
             left += open[i];
         }
@@ -217,16 +215,14 @@ static inline void fieldmap_cells_turn(fieldmap_cell_lanes *s)
 static inline void fieldmap_cell_moved(double share, const double *h, const double *r, double kappa, double mu, double chord,
     double slope, double *j, double *after, double *susceptible)
 {
-    double e[3], n[3], part[6], across = chord, along = slope - chord;
+    double e[3], n[3], part[6], across = chord, along = slope - chord, size;
     int i;
     for (i = 0; i < 3; i++) j[i] += share * chord * r[i];
     for (i = 0; i < 3 && after != NULL; i++) after[i] = r[i];
     if (after != NULL) after[3] = chord;
     if (susceptible == NULL) return;
-    {
-        const double s = fieldmap_norm(r);
-        for (i = 0; i < 3; i++) e[i] = s > 1e-30 ? r[i] / s : 0.0;
-    }
+    size = fieldmap_norm(r);
+    for (i = 0; i < 3; i++) e[i] = size > 1e-30 ? r[i] / size : 0.0;
     if (kappa > 0.0) {
         const double c = chord / (chord + mu), difference = slope / (slope + mu) - c;
         double push, dot;

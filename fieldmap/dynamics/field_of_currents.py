@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check, check_not_negative, check_positive
+from fieldmap.arguments import check, check_positive
 from fieldmap.core import CoreMap
 from fieldmap.core.current_table import CoreTable
 from fieldmap.core.iron import CoreIron
@@ -40,7 +40,7 @@ class FieldOfCurrents(Record):
     state that solves of the model may leave, in the norm of the energy; constant: whether something that no current
     drives makes a field, too; iron: "linear", "linearised", "table" or "model"; remembered: what iron with hysteresis
     remembers where a run begins, of the C core; empty for other iron; loop: size of the loops, A, whose slopes linear
-    models take (`linearise`), 0 for slopes of small changes."""
+    models take (`linearise`), None for slopes of small changes."""
 
     block: Array
     assumptions: tuple[str, ...]
@@ -51,7 +51,7 @@ class FieldOfCurrents(Record):
     constant: bool = False
     iron: str = "linear"
     remembered: Array = field(default_factory=lambda: np.zeros(0))
-    loop: float = 0.0
+    loop: float | None = None
 
     @cached_property
     def map(self) -> CoreMap:
@@ -215,7 +215,7 @@ def linearised(
     return _following(field_map, scale, "linearised", note, tangent_block(field_map, amperes, loop))
 
 
-def modelled(field_map: FieldMap, scale: float = 1.0, loop: float = 0.0) -> FieldOfCurrents:
+def modelled(field_map: FieldMap, scale: float = 1.0, loop: float | None = None) -> FieldOfCurrents:
     """The field of a map of saturating iron at any currents: its model.
 
     The model is solved anew at every step at which currents change, each solve from the last ones. Currents
@@ -228,7 +228,7 @@ def modelled(field_map: FieldMap, scale: float = 1.0, loop: float = 0.0) -> Fiel
     scale
         A calibration, by which all of the field is multiplied.
     loop
-        A: linear models take the slopes of loops of this size.
+        A: linear models take the slopes of loops of this size, instead of derivatives.
 
     Returns
     -------
@@ -240,9 +240,10 @@ def modelled(field_map: FieldMap, scale: float = 1.0, loop: float = 0.0) -> Fiel
     NotConverged
         Where the model has no solution in the domain.
     InputError
-        For a negative loop.
+        For a loop that is not positive.
     """
-    check_not_negative("modelled", loop=loop)
+    if loop is not None:
+        check_positive("modelled", loop=loop)
     if not saturates(field_map):
         return superposed(field_map, scale)
     model = CoreIron(core_numbers(compiled_currents(field_map)))
@@ -261,7 +262,7 @@ def tabled(
     field_map: FieldMap,
     nodes: tuple[int, int, int] | None = None,
     scale: float = 1.0,
-    loop: float = 0.0,
+    loop: float | None = None,
 ) -> FieldOfCurrents:
     """The field of a map of saturating iron over its division (u, x, y), by a table.
 
@@ -277,7 +278,7 @@ def tabled(
     scale
         A calibration, by which all of the field is multiplied.
     loop
-        A: linear models take the slopes of loops of this size.
+        A: linear models take the slopes of loops of this size, instead of derivatives.
 
     Returns
     -------
@@ -287,9 +288,10 @@ def tabled(
     Raises
     ------
     InputError
-        For a map of another domain, or a negative loop.
+        For a map of another domain, or a loop that is not positive.
     """
-    check_not_negative("tabled", loop=loop)
+    if loop is not None:
+        check_positive("tabled", loop=loop)
     table = table_of_currents(field_map, nodes)
     states = " x ".join(map(str, table.nodes))
     off = f"{1e6 * table.error.flux_density:.2g} uT and {1e3 * table.error.gradient:.2g} mT/m"

@@ -162,7 +162,7 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
         slopes[:, k] = np.sum([share * rates(at * direction) for at, share in _STENCIL], axis=0) / steps[k]
     commanded = machine.drive.amplifier.gain * machine.allocation.derivative(operating_point.outputs)
     loop: tuple[str, ...] = ()
-    if machine.magnetic.loop or machine.magnetic.remembered.size:
+    if machine.magnetic.loop is not None or machine.magnetic.remembered.size:
         slopes[:, 12:] = _of_loops(machine, rates, slopes[:, 12:], commanded)
         loop = (f"slopes by the currents of loops of {machine.magnetic.loop or _CURRENT_STEP:g} A",)
     # The turn follows the angular velocity, which is zero there: exact to first order.

@@ -188,10 +188,9 @@ class MagnetBalance(ABC):
                 position[None, :]
             )[0]
 
-        after_loop = getattr(self.source, "after_loop", lambda currents, swing: self.source)
         slopes = []
         for swing, step in zip((signals * steps).T, steps, strict=True):
-            looped = after_loop(self.currents, swing)
+            looped = self.source.after_loop(self.currents, swing)
             slopes.append((force(looped, swing) - force(looped, -swing)) / (2.0 * step))
         return np.column_stack(slopes)
 

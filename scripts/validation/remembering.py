@@ -44,7 +44,12 @@ def remembering_map() -> Iterator[Row]:
     found = (
         f"{report['modes']} modes, {report['sample_points']} points, {report['states_solved']} states solved"
     )
-    cost = (len(solver.surface.areas), 0, report["generation_seconds"], report["generation_processor_seconds"])
+    cost = (
+        len(solver.surface.areas),
+        0,
+        report["generation_seconds"],
+        report["generation_processor_seconds"],
+    )
     errors = np.array(list(_along_paths(opened, solver, domain, level)))
     stated = opened.current_error
     assert stated is not None

@@ -66,7 +66,7 @@ def slopes_by_hand(memory, currents, loop):
     return np.transpose(found)
 
 
-@pytest.mark.parametrize("loop", [LOOP, 0.0])
+@pytest.mark.parametrize("loop", [LOOP, None])
 def test_the_linear_machine_has_the_slopes_of_loops(memory, loop):
     machine = machine_on(modelled(memory, loop=loop))
     point = at_rest(machine)
@@ -125,13 +125,13 @@ def test_a_plant_of_a_map_has_the_slopes_of_loops_of_its_steps(memory):
 def test_a_scenario_gives_its_loop_to_every_kind_of_iron(memory):
     at = memory.last_currents
     assert FieldSettings(loop=LOOP).field(memory, at).loop == LOOP
-    assert FieldSettings().field(memory, at).loop == 0.0
+    assert FieldSettings().field(memory, at).loop is None
     found = FieldSettings(iron="linearised", loop=LOOP).field(memory, at)
     np.testing.assert_array_equal(found.block, linearised(memory, at, loop=LOOP).block)
     assert np.abs(found.block - linearised(memory, at).block).max() > 0.0
     divided = interpolate(saturating_data(), outside_currents="evaluate")
     tabled = FieldSettings(table=(4, 4, 4), loop=LOOP).field(divided, np.full(6, 1.6))
     assert (tabled.iron, tabled.loop) == ("table", LOOP)
-    for wrong in (lambda: modelled(memory, loop=-0.1), lambda: linearised(memory, at, loop=0.0)):
+    for wrong in (lambda: modelled(memory, loop=0.0), lambda: linearised(memory, at, loop=0.0)):
         with pytest.raises(InputError):
             wrong()

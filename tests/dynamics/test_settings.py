@@ -76,7 +76,7 @@ def test_how_the_iron_is_treated(monkeypatch, given, iron, saturating):
     table = given.get("table")
     more = {"linearised": ("currents",), "modelled": (), "tabled": (table,)}[iron]
     found = FieldSettings(1.25, **given).field("map", "currents")
-    assert found == (iron, "map", *more, 1.25, None if iron == "linearised" else 0.0)
+    assert found == (iron, "map", *more, 1.25, None)
 
 
 def settings(control=None, **more):

@@ -87,8 +87,8 @@ class FieldSettings(Record):
             return linearised(opened, currents, self.scale, self.loop)
         wanted = self.iron == "table" or (self.iron == "auto" and self.table is not None)
         if wanted and saturates(opened):
-            return tabled(opened, self.table, self.scale, self.loop or 0.0)
-        return modelled(opened, self.scale, self.loop or 0.0)
+            return tabled(opened, self.table, self.scale, self.loop)
+        return modelled(opened, self.scale, self.loop)
 
 
 @dataclass(frozen=True, repr=False)
