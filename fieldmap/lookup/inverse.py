@@ -88,12 +88,15 @@ def currents_for(
     """
     demand = demand_of(force, moment, torque, flux_density, gradient)
     return least_power_currents(
-        _fields_of(as_field(field)), position, demand, limits, resistance, start, orientation
+        fields_of(as_field(field)), position, demand, limits, resistance, start, orientation
     )
 
 
-def _fields_of(source: Field) -> SumOfFields | SolvedField:
-    """Raises InputError for a field that neither superposes nor has derivatives by its currents."""
+def fields_of(source: Field) -> SumOfFields | SolvedField:
+    """The field in the form that `least_power_currents` takes.
+
+    Raises InputError for a field that neither superposes nor has derivatives by its currents.
+    """
     if hasattr(source, "_fields_of_currents"):
         fields: SumOfFields = source._fields_of_currents()
         return fields
