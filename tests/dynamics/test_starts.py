@@ -50,6 +50,11 @@ def test_a_body_that_sticks_out_of_the_map_is_told():
 
     with refused(ScenarioError, where="here"):
         carrying(balance(currents), np.zeros(3), "here")
+    with refused(ScenarioError, where="here"):
+        easy_height(balance(currents), 0.0, 0.0, "here")
+    # Heights at which it fits are left.
+    fits = balance(lambda place: currents(place) if place[2] > -0.1 else np.ones(2))
+    assert -0.11 < easy_height(fits, 0.0, 0.0, "here") < -0.1
 
 
 def test_the_height_of_a_start_is_the_nearest_to_the_middle_that_takes_half_of_the_currents():

@@ -48,19 +48,24 @@ def easy_height(balance: WeightBalance, x: float, y: float, where: str) -> float
 
     It is the height nearest to the middle of the map at which half of the lasting currents carry the body; if there is
     none, the one that takes the least share of them. A body that may turn floats where the field points along its
-    moment, if there is such a height. Raises Infeasible where no height is possible.
+    moment, if there is such a height. Raises Infeasible where no height is possible, ScenarioError where the body is
+    outside the map at all of them.
     """
     magnet, (lower, upper) = balance.body.magnet, balance.limits
     low, high = (float(corner[2]) for corner in (balance.field.lower, balance.field.upper))
     middle, room = 0.5 * (low + high), 0.05 * (high - low)
     best: tuple[bool, float, float] | None = None
     refused: list[Infeasible] = []
+    outside: ScenarioError | None = None
     for height in sorted(np.linspace(low + room, high - room, _HEIGHTS), key=lambda z: abs(z - middle)):
         place = np.array([x, y, height])
         try:
             currents = carrying(balance, place, where)
         except Infeasible as error:
             refused.append(error)
+            continue
+        except ScenarioError as error:
+            outside = error
             continue
         moment = magnet.moments.sum(axis=0)
         stays = balance.body.upright or bool(magnet.soft)
@@ -72,6 +77,9 @@ def easy_height(balance: WeightBalance, x: float, y: float, where: str) -> float
             best = this
         if not against and share <= _EASY:
             break
+    if best is None and not refused:
+        assert outside is not None
+        raise outside
     if best is None:
         (problem,) = max(refused, key=lambda error: error.share or 0.0).problems
         must = f"{problem.must_hold}, or elsewhere between z = {1e3 * low:g} and {1e3 * high:g} mm"
