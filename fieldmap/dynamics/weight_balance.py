@@ -125,7 +125,7 @@ class WeightBalance(Record):
 
     def _refused(self, place: Array, error: Infeasible | NotConverged) -> Infeasible:
         """What the limits allow in the place of the weight."""
-        at = (1e3 * place).round(3).tolist()
+        at = ((1e3 * place).round(3) + 0.0).tolist()
         must = f"currents within their limits must carry the weight, {self.weight:.4g} N, of the magnet at {at} mm"
         received = "no currents that lift it"
         reached = error.reachable if isinstance(error, Infeasible) else None
