@@ -89,11 +89,14 @@ def currents_for(
     source = as_field(field)
     load = None if moment is None else loaded(source, moment)
     demand = demand_of(force, load, torque, flux_density, gradient)
-    return least_power_currents(_fields_of(source), position, demand, limits, resistance, start, orientation)
+    return least_power_currents(fields_of(source), position, demand, limits, resistance, start, orientation)
 
 
-def _fields_of(source: Field) -> SumOfFields | SolvedField:
-    """Raises InputError for a field that neither superposes nor has derivatives by its currents."""
+def fields_of(source: Field) -> SumOfFields | SolvedField:
+    """The field in the form that `least_power_currents` takes.
+
+    Raises InputError for a field that neither superposes nor has derivatives by its currents.
+    """
     if hasattr(source, "_fields_of_currents"):
         fields: SumOfFields = source._fields_of_currents()
         return fields

@@ -345,6 +345,11 @@ class Settings(Record):
             place[2] = self.height(self.start.depth)
         return place, outputs
 
+    @property
+    def start_for_messages(self) -> str:
+        """The key of the start, or words where the scenario leaves the start to the program."""
+        return "the start" if self.start == Start() else "start"
+
     def height(self, depth: float) -> float:
         """z of the sensed point, m, at which the vertical sensor reads this, m."""
         return -(self.zero_depth + depth)
