@@ -144,7 +144,9 @@ def _prepared(scenario: Scenario, field: Field | None, device: Device | None, ow
     # The place at the start, approximate currents that carry the body there, and the allocation.
     limits = drive_of_device(device, settings.coils.lowest_voltage).steady
     signals = _lift_and_directions(opened, control.allocation, control.allocation_n)
-    lift = Lift(opened, device.payload, body, settings.field.scale, limits, signals is not None)
+    lift = Lift(
+        opened, settings.body.payload(device.payload), body, settings.field.scale, limits, signals is not None
+    )
     held = settings.held()
     x, y = start.x or 0.0, start.y or 0.0
     above = float((body.seen_at - body.magnet_at)[2])
