@@ -514,7 +514,7 @@ def rule_stated(payload: Payload, moment: MagnetModel, error: float, of: str) ->
     taken = modelled(payload, moment)
     if not taken.rule:
         return ()
-    known = "not known" if np.isnan(error) else f"about {error:.1g} {of}"
+    known = "not known" if np.isnan(error) else f"about {error:.2g} {of}"
     return (f"magnets: {taken.rule}" + (f", error {known}" if taken.sized else ""),)
 
 

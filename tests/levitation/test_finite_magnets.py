@@ -65,7 +65,7 @@ CURRENTS = {"disc": 3.0, "two rings": 5.0, "stack": 8.0, "off the centre": 8.0}
 
 
 @cache
-def _windings(sections=10, angles=64):
+def _windings(sections=8, angles=48):
     """Points about a coil's centre, and current elements J dV per ampere."""
     nodes, weights = np.polynomial.legendre.leggauss(sections)
     r = (INNER + OUTER) / 2 + (OUTER - INNER) / 2 * nodes
@@ -100,7 +100,7 @@ def height(name):
     def lift(z):
         return pull(payload, middle + [0, 0, z])[2].sum() * CURRENTS[name] - weight
 
-    return middle + [0, 0, brentq(lift, max(np.linspace(0.02, 0.06, 9), key=lift), 0.08, xtol=1e-10)]
+    return middle + [0, 0, brentq(lift, max(np.linspace(0.02, 0.05, 4), key=lift), 0.08, xtol=1e-10)]
 
 
 @pytest.mark.parametrize("name", BODIES)
