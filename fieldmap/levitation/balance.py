@@ -386,10 +386,16 @@ def body_balance(field: Field, currents: Array, payload: Payload, near: Array | 
     turned = replace(upright, orientation=np.diag([1.0, -1.0, -1.0]))
     either = (upright, turned) if len(body.points) else (upright,)
     places = [_inside(one.box, near) for one in either]
-    lifts = [one.magnetic_force(at)[:, 2].max() for one, at in zip(either, places, strict=True)]
+    coarse = [coarse_balance(one, payload) for one in either]
+    lifts = [one.magnetic_force(at)[:, 2].max() for one, at in zip(coarse, places, strict=True)]
     best = int(np.argmax(lifts))
     either[best].moments(places[best])
-    return either[best]
+    return replace(either[best], evaluations=coarse[best].evaluations)
+
+
+def coarse_balance(balance: MagnetBalance, payload: Payload) -> MagnetBalance:
+    """The same with a point dipole for each magnet of an upright body, which is enough to choose among many places."""
+    return replace(balance, body=magnetic_body(payload, 1)) if isinstance(balance, BodyBalance) else balance
 
 
 def _finer(payload: Payload) -> MagneticBody | None:

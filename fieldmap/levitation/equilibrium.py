@@ -17,6 +17,7 @@ from fieldmap.levitation.balance import (
     BodyBalance,
     MagnetBalance,
     MagnetModel,
+    coarse_balance,
     magnet_balance,
     refuse_models_of_pieces,
     rule_stated,
@@ -166,7 +167,9 @@ def find_equilibrium(
     box = balance.box
     begin = None if asked is None else check_position(box, asked, where)
     grid = search_grid(box)
-    residuals = balance.residual(grid)
+    coarse = coarse_balance(balance, carried)
+    residuals = coarse.residual(grid)
+    balance.evaluations = coarse.evaluations
     best = best_starts(grid, np.linalg.norm(residuals, axis=1), box)
     found: list[Array] = []
     tried = 0
