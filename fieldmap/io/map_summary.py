@@ -15,7 +15,7 @@ from fieldmap.currents import CurrentDomain
 from fieldmap.device import recorded_device
 from fieldmap.device.measured import MeasuredMachine, measured_on
 from fieldmap.device.model import Device, Payload
-from fieldmap.errors import MissingExtraError, OutsideMapError
+from fieldmap.errors import InputError, MissingExtraError, OutsideMapError
 from fieldmap.io.field_source import existing_map
 from fieldmap.lookup import FieldMap, open_map
 from fieldmap.plain import Plain, plain_fields, plain_items
@@ -132,6 +132,17 @@ class MapSummary(Record):
     reaction: ReactionOfMap | None = None
 
     @property
+    def lift_assumptions(self) -> tuple[str, ...]:
+        """How far off the currents that lift the payload are for what stands for its magnets, if it has shapes."""
+        if self.payload is None or not self.payload.sized or not self.lift:
+            return ()
+        from fieldmap.levitation.balance import rule_stated
+
+        errors = [row.volume_error for row in self.lift if row.volume_error is not None]
+        largest = float(np.max(errors)) if errors else np.nan
+        return rule_stated(self.payload, "fixed", largest, "A of the lift currents")
+
+    @property
     def payload(self) -> Payload | None:
         """The payload of the recorded device."""
         return None if self.device is None else self.device.payload
@@ -215,6 +226,7 @@ class MapSummary(Record):
             force_fit=self.force_fit,
             shifts=self.shifts,
             lift_missing=self.lift_missing,
+            lift_assumptions=self.lift_assumptions,
             saturation=self.saturation,
             reaction=self.reaction,
         )
@@ -297,7 +309,11 @@ def _with_lift(
         (problem,) = error.problems
         return replace(summary, lift_missing=f"{problem.must_hold}: {problem.remedy}")
     domain = summary.domain
-    lift = lift_by_height(opened, payload, machine, domain.largest_equal_current() if domain else None)
+    try:
+        lift = lift_by_height(opened, payload, machine, domain.largest_equal_current() if domain else None)
+    except InputError as error:
+        (problem,) = error.problems
+        return replace(summary, lift_missing=f"{problem.must_hold}; {problem.received}: {problem.remedy}")
     shifts: tuple[ShiftBesideMeasured, ...] = ()
     if machine is not None and domain is not None:
         shifts = shifts_beside_measured(opened, payload, machine, domain.parametrisation)

@@ -16,8 +16,11 @@ from fieldmap.field import AnyField, Bounds, require_bounds, resolve_currents
 from fieldmap.levitation.balance import (
     BodyBalance,
     MagnetBalance,
+    MagnetModel,
+    coarse_balance,
     magnet_balance,
     refuse_models_of_pieces,
+    rule_stated,
 )
 from fieldmap.levitation.places import check_centre, check_position, search_grid
 from fieldmap.lookup.payload import check_payload, magnetic_body
@@ -55,7 +58,9 @@ class Equilibrium(Record):
     directions (3, 3) with the unit eigenvectors as columns; stable (3,): whether the magnet is pushed back
     along each of them. moment (3,) in A m^2 and currents (n_coils,) in A, at the equilibrium; field (3,): B in T in
     the middle of the payload's magnets and soft iron. others (n, 3): further equilibria of the same currents found on
-    the way, m. assumptions: what the numbers rest on.
+    the way, m. volume_error: by how much a finer volume rule of the magnets moves the place, m; 0 where the
+    rule is exact or no shape is known, NaN where that is not known: the finer rule leaves the field, or is too far off.
+    assumptions: what the numbers rest on.
     """
 
     position: Array
@@ -68,6 +73,7 @@ class Equilibrium(Record):
     field: Array
     currents: Array
     others: Array
+    volume_error: float
     assumptions: tuple[str, ...]
     report: SearchReport
 
@@ -118,15 +124,16 @@ def find_equilibrium(
     currents
         (n_coils,), one number for all coils, or by name, A.
     payload
-        A point dipole of its mass and moment, or its pieces, which stay upright while soft iron follows B.
+        What is levitated: its magnets are integrated over their volume by the rule of its `volume_level`; 1, and
+        a moment without a shape, are point dipoles. Pieces stay upright while soft iron follows B.
     start
         The payload's centre (3,), m, from which to begin. Without it the search covers all places at which the
-        payload's dipole, or the middles of its magnets and soft iron, lie in the box. Of several equilibria the
+        payload's magnets, and the middles of its soft iron, lie in the box. Of several equilibria the
         one with most stable directions nearest to the box's vertical axis is returned, and the rest are in
         `.others`.
     moment
         "fixed" keeps the moment vertical, turned so that it is pulled up at the start; "aligned" lets it
-        follow B.
+        follow B, as a point dipole.
 
     Returns
     -------
@@ -160,7 +167,9 @@ def find_equilibrium(
     box = balance.box
     begin = None if asked is None else check_position(box, asked, where)
     grid = search_grid(box)
-    residuals = balance.residual(grid)
+    coarse = coarse_balance(balance, carried)
+    residuals = coarse.residual(grid)
+    balance.evaluations = coarse.evaluations
     best = best_starts(grid, np.linalg.norm(residuals, axis=1), box)
     found: list[Array] = []
     tried = 0
@@ -170,8 +179,7 @@ def find_equilibrium(
             tried += len(starts)
     if not found:
         raise no_equilibrium(balance, grid, residuals, tried)
-    held = assumptions_of_pieces(carried) if carried.pieces else assumptions(moment)
-    return _result(balance, box, found, begin, tried, held)
+    return _result(balance, box, found, begin, tried, carried, moment)
 
 
 def _eigen(stiffness: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -199,12 +207,15 @@ def _result(
     found: list[Array],
     begin: Array | None,
     tried: int,
-    held: tuple[str, ...],
+    payload: Payload,
+    moment: MagnetModel,
 ) -> Equilibrium:
     ranked = _ranked(balance, box, found, begin)
     position = ranked[0]
     stiffness = balance.stiffness(position)
     eigenvalues, directions, stable = _eigen(stiffness)
+    held = assumptions_of_pieces(payload) if payload.pieces else assumptions(moment)
+    off = balance.place_error(position)
     residual = balance.residual(position[None, :])[0]
     report = SearchReport(
         method="trust-region reflective least squares, analytic derivative",
@@ -227,19 +238,19 @@ def _result(
         field=balance.flux_density(position),
         currents=balance.currents,
         others=np.array(ranked[1:]).reshape(-1, 3),
-        assumptions=held,
+        volume_error=off,
+        assumptions=(*rule_stated(payload, moment, 1e3 * off, "mm of the place"), *held),
         report=report,
     )
 
 
 def assumptions(moment: str) -> tuple[str, ...]:
-    """What the force on a point dipole rests on."""
+    """What the force on one magnet rests on."""
     held = {
         "fixed": "the moment keeps its vertical direction",
         "aligned": "the moment stays parallel to the local field and keeps its magnitude",
     }[moment]
     return (
-        "the magnet is a point dipole at its centre",
         held,
         "the currents are constant and the magnet does not change the field of the coils and the iron",
         "position means the magnet's centre; the sensor reads a point magnet_offset above it",

@@ -11,17 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_signal, raise_all
-from fieldmap.constants import GRAVITY
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, NotConverged, OutsideMapError, Problem
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
 from fieldmap.levitation.balance import (
-    CURRENT_STEP,
     Balance,
     BodyBalance,
     MagnetBalance,
     dipole_force,
     magnet_balance,
+    rule_stated,
 )
 from fieldmap.levitation.places import check_centre, check_position
 from fieldmap.lookup.actuation import wrench_actuation
@@ -45,7 +44,9 @@ class LiftCurrent(Record):
     current: the common factor, A; currents (n_coils,) = current * shares. position (3,): the payload's centre, m.
     force (3,): magnetic force there, N; its z component is the weight, the other two are not balanced.
     force_per_ampere (3,), N/A of common current: dF/di at these currents. stiffness (3, 3) = -dF_i/dx_j, N/m.
-    field (3,): B in T in the middle of the payload's magnets and soft iron. assumptions: what the numbers rest on.
+    field (3,): B in T in the middle of the payload's magnets and soft iron. volume_error: by how much a finer
+    volume rule of the magnets changes the current, A; 0 where the rule is exact or no shape is known, NaN where the
+    finer rule leaves the field. assumptions: what the numbers rest on.
     history: (common current in A, lift in N) of every state that was solved on the way, empty for a field that
     superposes, with or without a constant part.
     """
@@ -57,6 +58,7 @@ class LiftCurrent(Record):
     force_per_ampere: Array
     stiffness: Array
     field: Array
+    volume_error: float
     assumptions: tuple[str, ...]
     history: tuple[tuple[float, float], ...] = ()
 
@@ -76,14 +78,15 @@ def lift_current(
     tolerance: float = 1e-4,
     on_state: Callable[[float, float], None] | None = None,
 ) -> LiftCurrent:
-    """Common current that carries the weight at a position: a vertical point dipole, pulled up by a positive current.
+    """Common current that carries the weight at a position: a vertical magnet, pulled up by a positive current.
 
-    A field that is proportional to the currents gives i = m g / (D dBz/dz per ampere), docs/theory/equilibrium.md. If
+    A field that is proportional to the currents gives i = m g / (lift per ampere), docs/theory/equilibrium.md. If
     the field has a constant part, i carries the rest of the weight, and may be zero or negative. Any other field is
     evaluated at about four currents: at `first`, then at `first` times weight divided by lift, then by the secant,
     until |F_z - m g| <= tolerance m g. Once two currents bracket the weight, the secant stays between them. A
-    payload of pieces stays upright, and its current is found by the same search; the pull on soft iron grows with the
-    square of the current.
+    payload of pieces stays upright. The current of one with soft iron is found by the same search: the pull on soft
+    iron grows with the square of the current. Magnets are integrated over their volume by the rule of the payload's
+    `volume_level`; 1, and a moment without a shape, are point dipoles.
 
     Parameters
     ----------
@@ -92,7 +95,7 @@ def lift_current(
     payload
         What is lifted.
     position
-        The payload's centre (3,), m. Its dipole, or the middles of its pieces, must lie in the box.
+        The payload's centre (3,), m. Its magnets, and the middles of its soft iron, must lie in the box.
     shares
         Current of each coil per ampere of common current (n_coils,); 1 in every coil unless given.
     first
@@ -117,7 +120,7 @@ def lift_current(
     Infeasible
         Where the field does not lift.
     NotConverged
-        After MAX_STATES states; after four times as many for a payload of pieces in a field that superposes.
+        After MAX_STATES states; after four times as many for soft iron in a field that superposes.
 
     Examples
     --------
@@ -130,7 +133,7 @@ def lift_current(
     source = as_field(field)
     weights = _checked(source, shares, first, tolerance)
     point = check_centre(require_bounds(source), carried, position, _POSITION)
-    if source.affine and not carried.pieces:
+    if source.affine and not carried.soft:
         return _superposed(source, carried, point, weights, first)
     return _by_secant(source, carried, point, weights, first, tolerance, on_state)
 
@@ -143,40 +146,50 @@ def direction_of_lift(point: Array, moment: float, gradient: Array) -> float:
     force = dipole_force(np.array([0.0, 0.0, moment]), gradient)
     # Rounding leaves some 1e-16 of the gradient where dBz/dz vanishes.
     if abs(force[2]) <= 1e-12 * moment * np.linalg.norm(gradient):
-        must_hold = "dBz/dz must not vanish where a vertical dipole is to be lifted"
-        received, remedy = "no vertical force for the given shares", "choose another position or other shares"
-        raise Infeasible.of(_at(point), must_hold, received, remedy)
+        raise no_lift("lift_current", point)
     return float(np.sign(force[2]))
+
+
+def no_lift(where: str, point: Array) -> Infeasible:
+    """The error of a place (3,), m, at which nothing lifts."""
+    must_hold = "dBz/dz must not vanish where a vertical magnet is to be lifted"
+    received, remedy = "no vertical force for the given shares", "choose another position or other shares"
+    return Infeasible.of(_at(point, where), must_hold, received, remedy)
 
 
 def _superposed(field: Field, payload: Payload, point: Array, shares: Array, first: float) -> LiftCurrent:
     """The lift current of a field that is the sum of its coils' fields and a constant, which may be zero. first: the
     common current at which the direction of the moment is chosen, as for saturating iron."""
+    at = point[None, :]
+    balance = magnet_balance(field, first * shares, payload, point)
+    check_position(balance.box, point, _POSITION)
     if field.proportional:
-        per_ampere, off = field.gradient(point[None, :], shares)[0], np.zeros((3, 3))
+        without = np.zeros(3)
         held = "field and force are proportional to the currents (no saturation)"
     else:
-        off = field.constant_gradient(point)
-        per_ampere = np.einsum("c,cij->ij", shares, field.unit_gradient(point))
+        without = replace(balance, currents=0.0 * shares).magnetic_force(at)[0]
         held = "a field that no current drives, and fields in proportion to the currents (no saturation)"
-    direction_of_lift(point, payload.moment, per_ampere)
-    direction = direction_of_lift(point, payload.moment, off + first * per_ampere)
-    up = np.array([0.0, 0.0, direction * payload.moment])
-    by_coils, without = dipole_force(up, per_ampere), dipole_force(up, off)
-    current = float((payload.mass * GRAVITY - without[2]) / by_coils[2])
-    balance = Balance(field, current * shares, payload.mass, payload.moment, up)
-    held_magnet = "the magnet is a vertical point dipole at its centre"
-    return _lift(current, balance, point, by_coils, (f"linear: {held}", held_magnet))
+    by_coils = replace(balance, currents=shares).magnetic_force(at)[0] - without
+    scale = balance.magnitude * np.linalg.norm(field.gradient(at + balance.arms.mean(axis=0), shares))
+    # Rounding leaves some 1e-16 of the gradient where the force vanishes.
+    for force in (by_coils, without + first * by_coils):
+        if abs(force[2]) <= 1e-12 * scale:
+            raise no_lift("lift_current", point)
+    current = float((balance.weight - without[2]) / by_coils[2])
+    balance = replace(balance, currents=current * shares)
+    return _lift(current, payload, balance, point, by_coils, (f"linear: {held}", _upright(payload)))
 
 
 def _lift(
     current: float,
+    payload: Payload,
     balance: MagnetBalance,
     point: Array,
     force_per_ampere: Array,
     assumptions: tuple[str, ...],
     history: tuple[tuple[float, float], ...] = (),
 ) -> LiftCurrent:
+    off = abs(float(balance.rule_error(point)[2] / force_per_ampere[2]))
     return LiftCurrent(
         current=current,
         currents=balance.currents,
@@ -185,7 +198,8 @@ def _lift(
         force_per_ampere=force_per_ampere,
         stiffness=balance.stiffness(point),
         field=balance.flux_density(point),
-        assumptions=assumptions,
+        volume_error=off,
+        assumptions=(*rule_stated(payload, "fixed", off, "A of the current"), *assumptions),
         history=history,
     )
 
@@ -201,7 +215,7 @@ def _by_secant(
 ) -> LiftCurrent:
     """The lift current by the secant, from `first` on. If the field superposes it is cheap: the limit is 1e-9 then."""
     at = point[None, :]
-    if not payload.pieces:
+    if not payload.extended:
         # `magnet_balance` does not refuse a field that lifts nothing.
         direction_of_lift(point, payload.moment, field.gradient(at, first * shares)[0])
     balance = magnet_balance(field, first * shares, payload, point)
@@ -243,7 +257,7 @@ def _by_secant(
             received = f"{payload.description}, {first:g} A, no lift"
             raise Infeasible.of(_at(point), must_hold, received, remedy)
         # Soft iron is pulled with the square of the current.
-        current = _next_current(tried, 0.5 if payload.pieces else 1.0)
+        current = _next_current(tried, 0.5 if payload.soft else 1.0)
     if field.affine and isinstance(balance, BodyBalance):
         about = wrench_actuation(field, point, balance.body, balance.currents, balance.orientation)
         slope = about.matrix[:3] @ shares
@@ -252,16 +266,18 @@ def _by_secant(
         other = min(far or range(len(tried) - 1), key=lambda k: abs(tried[k][0] - current))
         slope = (forces[-1] - forces[other]) / (current - tried[other][0])
     history = () if field.affine else tuple((i, float((v + 1.0) * balance.weight)) for i, v in tried)
-    held: tuple[str, ...] = _HELD
-    if isinstance(balance, BodyBalance):
-        held = (f"the payload of {payload.description} stays upright", *balance.body.assumptions)
-    return _lift(current, balance, point, slope, held, history)
+    soft = balance.body.assumptions if isinstance(balance, BodyBalance) else ()
+    held = (
+        ()
+        if field.affine
+        else ("nonlinear iron: a state of its own for each set of currents, no hysteresis",)
+    )
+    return _lift(current, payload, balance, point, slope, (*held, _upright(payload), *soft), history)
 
 
-_HELD = (
-    "nonlinear iron: a state of its own for each set of currents, no hysteresis",
-    "the magnet is a vertical point dipole at its centre and does not magnetise the iron",
-)
+def _upright(payload: Payload) -> str:
+    what = f"the payload of {payload.description}" if payload.pieces else "the magnet"
+    return f"{what} stays upright and does not magnetise the iron"
 
 
 def _next_current(tried: Sequence[tuple[float, float]], power: float = 1.0) -> float:
@@ -307,8 +323,8 @@ def _last(tried: Sequence[tuple[float, float]]) -> str:
     return ", ".join(f"{value + 1.0:.4g} at {current:.4g} A" for current, value in tried[-4:])
 
 
-def _at(point: Array) -> str:
-    return f"lift_current at {(1e3 * point).round(3).tolist()} mm"
+def _at(point: Array, where: str = "lift_current") -> str:
+    return f"{where} at {(1e3 * point).round(3).tolist()} mm"
 
 
 # A combination of coils whose force per ampere is less than this share of the largest is left out: it would need more
@@ -340,9 +356,7 @@ def force_per_ampere(field: Field, moment: Array, point: Array, currents: Array)
     Array
         dF/di (3, n), N/A.
     """
-    count, step = len(currents), CURRENT_STEP * (float(np.abs(currents).max()) or 1.0)
-    balance = Balance(field, currents, 0.0, float(np.linalg.norm(moment)), moment)
-    return balance.force_per_signal(point, np.eye(count), np.full(count, step))
+    return Balance(field, currents, 0.0, float(np.linalg.norm(moment)), moment).force_per_current(point)
 
 
 def lift_shares(force_per_ampere: ArrayLike) -> Array:

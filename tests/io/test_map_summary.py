@@ -216,6 +216,7 @@ def test_the_summary_as_plain_python(polynomial, domain, told):
         "force_fit": None,
         "shifts": [],
         "lift_missing": "scipy",
+        "lift_assumptions": [],
         "saturation": "",
     }
 

@@ -114,6 +114,10 @@ class BodySettings(Record):
     ] = None
     finite_magnet: Annotated[bool, Key(..., "the magnet's volume instead of a point dipole")] = False
 
+    def payload(self, payload: Payload) -> Payload:
+        """The payload with the magnets that the body has: point dipoles unless they are to be of finite size."""
+        return payload if self.finite_magnet else replace(payload, volume_level=1)
+
     def body(self, payload: Payload, opened: FieldMap) -> RigidBody:
         """The body of a payload, in the field of a map."""
         if self.magnet_offset is not None:
