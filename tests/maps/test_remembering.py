@@ -175,13 +175,19 @@ def test_paths_begin_where_they_say_and_stay_in_the_domain():
     first, *cycles = paths.planned_paths(DOMAIN, level)
     assert first.history == "demagnetised"
     np.testing.assert_array_equal(first.currents, history_of_currents("shaken", level))
-    for k, path in enumerate(cycles):
-        assert path.history == "shaken"
+    assert {path.history for path in cycles} == {"shaken"}
+    assert len(cycles) == 4
+    for k, path in enumerate(cycles[:2]):
         np.testing.assert_array_equal(path.currents[:, 1 - k], LEVEL)
         moved = path.currents[:, k] - LEVEL
         # To the nearer end: 0.6 A on both coils.
         np.testing.assert_allclose([moved[:8].max(), moved[8:16].max(), moved[16:].max()], [0.03, 0.15, 0.6])
         np.testing.assert_allclose(moved.reshape(3, 8).sum(axis=1), 0.0, atol=1e-12)
+    for k, path in enumerate(cycles[2:]):
+        # Beside the other coil, which is held 0.4 of that distance higher.
+        np.testing.assert_allclose(path.currents[:, 1 - k], LEVEL + 0.24, rtol=1e-12)
+        moved = path.currents[:, k] - LEVEL
+        np.testing.assert_allclose([moved[:8].max(), moved[8:].max()], [0.45, 0.6])
     random = [paths.random_path(DOMAIN, level, number) for number in range(8)]
     assert [path.history for path in random].count("demagnetised") == 2
     assert all(DOMAIN.holds(currents) for path in random for currents in path.currents)

@@ -14,6 +14,8 @@ STEPS = 30
 # Amplitudes of the cycles of one signal, as shares of the distance to the nearer end of its range, and their points.
 _AMPLITUDES = (0.05, 0.25, 1.0)
 _CYCLE = np.array([0.5, 1.0, 0.5, 0.0, -0.5, -1.0, -0.5, 0.0])
+# The same of cycles beside another signal, which is held this share of the distance away from the middle.
+_WIDE, _BESIDE = (0.75, 1.0), 0.4
 # Share of the steps of a random path that go anywhere; sizes of the others, as powers of ten of the ranges.
 _ANYWHERE, _LOCAL = 0.4, (-2.5, -0.5)
 # One random path in so many begins in iron that was never magnetised.
@@ -30,15 +32,23 @@ class CurrentPath(Record):
 
 
 def planned_paths(domain: CurrentDomain, level: Array) -> list[CurrentPath]:
-    """The history "shaken" about currents `level` (c,), and growing cycles of each signal about it."""
+    """The history "shaken" about currents `level` (c,), growing cycles of each signal about it, and wide cycles of each
+    with another signal higher: a machine swings about many levels, and random paths pass each of them once."""
     rest = domain.parametrisation.nearest(level).values
-    paths = [CurrentPath("demagnetised", history_of_currents("shaken", level))]
-    for k, middle in enumerate(rest):
-        reach = min(domain.upper[k] - middle, middle - domain.lower[k])
-        signals = np.tile(rest, (len(_AMPLITUDES) * len(_CYCLE), 1))
-        signals[:, k] += reach * np.outer(_AMPLITUDES, _CYCLE).ravel()
-        paths.append(CurrentPath("shaken", domain.parametrisation.currents(signals)))
-    return paths
+    reach = np.minimum(domain.upper - rest, rest - domain.lower)
+
+    def cycles(k: int, amplitudes: tuple[float, ...], middle: Array) -> CurrentPath:
+        signals = np.tile(middle, (len(amplitudes) * len(_CYCLE), 1))
+        signals[:, k] += reach[k] * np.outer(amplitudes, _CYCLE).ravel()
+        return CurrentPath("shaken", domain.parametrisation.currents(signals))
+
+    higher = rest + _BESIDE * np.diag(reach)
+    count = range(len(rest))
+    return [
+        CurrentPath("demagnetised", history_of_currents("shaken", level)),
+        *(cycles(k, _AMPLITUDES, rest) for k in count),
+        *(cycles(k, _WIDE, higher[j]) for k in count for j in count if j != k),
+    ]
 
 
 def random_path(domain: CurrentDomain, level: Array, number: int) -> CurrentPath:
