@@ -177,8 +177,8 @@ class ConvexForm:
     def solve_linear(
         self, material: Magnetisation, field: Any, tolerance: float, rough: bool = False
     ) -> PotentialState:
-        """All sources at once, for laws that are straight lines. rough: the air to three digits, symmetric all the same.
-        Raises NotConverged."""
+        """All sources at once, for laws that are straight lines. rough: the air to three digits, symmetric all the
+        same. Raises NotConverged."""
         zero = np.zeros(self.elements.count)
         stiffness = self.tangent(zero, field, material)
         sources = range(len(material.remanence))
