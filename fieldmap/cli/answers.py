@@ -52,7 +52,7 @@ def probe(
     Parameters
     ----------
     payload
-        Force and torque on the device's payload, moment upward.
+        Force and torque on the device's payload, whose moment points as payload.direction says.
     """
     from fieldmap.io import answers
 
@@ -64,9 +64,11 @@ def probe(
     with Progress("solving") as progress:
         found = options.find_named(source, iron, progress, settings)
         magnet = options.magnet_of_options(found, moment, payload_of, "--payload" if payload else "")
+        carried = None if moment else options.payload_of_option(found, payload_of)
+        turns = carried is not None and not carried.pieces and carried.turning == "free"
         try:
             amperes = arguments.parse_currents(currents, found.coil_names)
-            answer = answers.probe(found, points, amperes, magnet)
+            answer = answers.probe(found, points, amperes, magnet, turns)
         except OutsideMapError as error:
             remedy = "--at is in m, --at-mm in mm" if at else "stay in the box, or make a larger map"
             # The other problems are about currents.
@@ -95,6 +97,8 @@ def _probe_page(answer: Probe) -> Iterator[page.Section]:
 
 def force_table(answer: Probe) -> RenderableType | None:
     """Force and torque on the moment at each point; nothing without a moment."""
+    from fieldmap.io.answers import ALONG_FIELD
+
     first, rows = answer.points[0].moment, []
     if first is None:
         return None
@@ -108,7 +112,11 @@ def force_table(answer: Probe) -> RenderableType | None:
         rows.append((f"{page.place(point.at)} mm", *page.cells((*force, *torque), ".5g", 1e3)))
     moment = ", ".join(page.cells(page.without_noise(first), ".4g"))
     columns = ("at", "Fx mN", "Fy mN", "Fz mN", "Tx mN m", "Ty mN m", "Tz mN m")
-    return Group(Text(f"Force and torque on a moment of ({moment}) A m2"), page.table(columns, rows))
+    if answer.held == ALONG_FIELD:
+        moment = f"{np.linalg.norm(first):.4g}"
+    return Group(
+        Text(f"Force and torque on a moment of ({moment}) A m2: {answer.held}"), page.table(columns, rows)
+    )
 
 
 def currents(
@@ -231,7 +239,7 @@ def equilibrium(
     height_mm: options.HeightMm = None,
     sensor_mm: Annotated[float | None, option("--sensor-mm", "MM")] = None,
     start: Annotated[str | None, option("--start", "X Y Z")] = None,
-    orientation: Annotated[str, option("--orientation", "NAME")] = "fixed",
+    orientation: Annotated[str | None, option("--orientation", "NAME")] = None,
     payload_of: options.PayloadOf = None,
     changes: options.Changes = None,
     mu_r: options.MuR = None,
@@ -254,7 +262,8 @@ def equilibrium(
     start
         Where the search begins, m.
     orientation
-        fixed: the magnet stays vertical; aligned: it follows the field.
+        fixed: the magnet keeps its direction; aligned: it follows the field. Unless given, aligned if the payload
+        states turning = "free", fixed otherwise.
     """
     from fieldmap.io.answers import floating, lifted
     from fieldmap.lookup.payload import check_payload
@@ -278,14 +287,15 @@ def equilibrium(
     page.print_result(answer, _equilibrium_page, json)
 
 
-def _check_search(found: FieldSource, payload: Payload, start: Array | None, orientation: str) -> None:
+def _check_search(found: FieldSource, payload: Payload, start: Array | None, orientation: str | None) -> None:
     """Raise InputError, before anything is solved, for a start or an orientation that does not fit."""
     from fieldmap.io.answers import MOMENTS, require_box
     from fieldmap.levitation.places import check_centre
 
     if start is not None:
         check_centre(require_box(found), payload, start, "--start")
-    check(orientation in MOMENTS, "--orientation", "must be fixed or aligned", orientation, "choose one")
+    given = orientation or "fixed"
+    check(given in MOMENTS, "--orientation", "must be fixed or aligned", given, "choose one")
 
 
 def _tell_state(current: float, share: float) -> None:
@@ -337,10 +347,10 @@ def _to_a_micrometre(point: Array) -> str:
 
 def _floating_rows(answer: Levitation, found: Equilibrium) -> Iterator[tuple[str, str]]:
     report = found.report
-    turned = "induced" if answer.payload.soft else "up" if found.moment[2] > 0 else "down"
     left = np.linalg.norm(found.force_residual) / (answer.payload.mass * GRAVITY)
     trace = found.trace / np.linalg.norm(found.stiffness)
-    yield "moment", f"{turned}, {found.angle_to_field:.2f} degrees from the field"
+    held = found.held.removeprefix("moment ")
+    yield "moment", f"{held}, {found.angle_to_field:.2f} degrees from the field"
     yield "residual", f"{left:.1e} of the weight; {report.starts} starts, {report.evaluations} field points"
     yield "trace", f"{trace:.1e} of the stiffness (0 for a fixed dipole, below 0 for an aligned one)"
     for point in found.others:
@@ -350,6 +360,7 @@ def _floating_rows(answer: Levitation, found: Equilibrium) -> Iterator[tuple[str
 def _lift_rows(answer: Levitation, found: LiftCurrent) -> Iterator[tuple[str, str]]:
     sideways = ", ".join(page.cells(page.without_noise(found.force)[:2], ".3g", 1e3))
     each = " in every coil" if len(answer.source.coil_names) > 1 else ""
+    yield "moment", found.held.removeprefix("moment ")
     yield "lift current", f"{found.current:.4f} A{each}"
     machine, measured, limit = answer.machine, answer.measured_current, answer.current_limit
     if machine is not None and measured is not None:

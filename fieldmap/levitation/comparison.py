@@ -258,5 +258,4 @@ def _lift_share(field: Field, payload: Payload, height: float, current: float) -
         force = float(upright_force(field, currents, payload, point)[0, 2])
     except OutsideMapError:
         return None
-    # A magnet is turned to be lifted; soft iron is not.
-    return (force if payload.pieces else abs(force)) / (payload.mass * GRAVITY)
+    return force / (payload.mass * GRAVITY)

@@ -16,7 +16,9 @@ from fieldmap.field import AnyField, Bounds, require_bounds, resolve_currents
 from fieldmap.levitation.balance import (
     BodyBalance,
     MagnetBalance,
+    held_at,
     magnet_balance,
+    model_of,
     refuse_models_of_pieces,
 )
 from fieldmap.levitation.places import check_centre, check_position, search_grid
@@ -53,8 +55,9 @@ class Equilibrium(Record):
     position (3,): the payload's centre, m. force_residual (3,): magnetic force plus weight, N.
     stiffness (3, 3): -dF_i/dx_j, N/m. eigenvalues (3,) ascending, N/m, of its symmetric part, and
     directions (3, 3) with the unit eigenvectors as columns; stable (3,): whether the magnet is pushed back
-    along each of them. moment (3,) in A m^2 and currents (n_coils,) in A, at the equilibrium; field (3,): B in T in
-    the middle of the payload's magnets and soft iron. others (n, 3): further equilibria of the same currents found on
+    along each of them. moment (3,) in A m^2 and currents (n_coils,) in A, at the equilibrium; held: which way the
+    moment of the magnets points and whether it turns, such as "moment down, fixed". field (3,): B in T in the middle of
+    the payload's magnets and soft iron. others (n, 3): further equilibria of the same currents found on
     the way, m. assumptions: what the numbers rest on.
     """
 
@@ -65,6 +68,7 @@ class Equilibrium(Record):
     directions: Array
     stable: NDArray[np.bool_]
     moment: Array
+    held: str
     field: Array
     currents: Array
     others: Array
@@ -104,7 +108,7 @@ def find_equilibrium(
     currents: Any = None,
     payload: Payload | None = None,
     start: ArrayLike | None = None,
-    moment: Literal["fixed", "aligned"] = "fixed",
+    moment: Literal["fixed", "aligned"] | None = None,
 ) -> Equilibrium:
     """Find where the force on a payload balances its weight, F(x) + m g = 0, inside the field's box.
 
@@ -118,15 +122,15 @@ def find_equilibrium(
     currents
         (n_coils,), one number for all coils, or by name, A.
     payload
-        A point dipole of its mass and moment, or its pieces, which stay upright while soft iron follows B.
+        A point dipole of its mass, moment and direction, or its pieces, which stay upright while soft iron follows B.
     start
         The payload's centre (3,), m, from which to begin. Without it the search covers all places at which the
         payload's dipole, or the middles of its magnets and soft iron, lie in the box. Of several equilibria the
         one with most stable directions nearest to the box's vertical axis is returned, and the rest are in
         `.others`.
     moment
-        "fixed" keeps the moment vertical, turned so that it is pulled up at the start; "aligned" lets it
-        follow B.
+        "fixed" keeps the payload's direction; "aligned" lets the moment follow B. Unless given, "aligned" for a
+        payload that states turning = "free", "fixed" for any other.
 
     Returns
     -------
@@ -151,12 +155,13 @@ def find_equilibrium(
     """
     carried = check_payload(payload, "find_equilibrium", pieces=True)
     source, amperes = resolve_currents(field, currents)
-    check_choice("find_equilibrium(moment)", moment, ("fixed", "aligned"))
+    model = model_of(carried) if moment is None else moment
+    check_choice("find_equilibrium(moment)", model, ("fixed", "aligned"))
     if carried.pieces:
-        refuse_models_of_pieces("find_equilibrium(moment)", moment)
+        refuse_models_of_pieces("find_equilibrium(moment)", model)
     bounds, where = require_bounds(source), "find_equilibrium(start)"
     asked = None if start is None else check_centre(bounds, carried, start, where)
-    balance = magnet_balance(source, amperes, carried, asked, moment)
+    balance = magnet_balance(source, amperes, carried, asked, model)
     box = balance.box
     begin = None if asked is None else check_position(box, asked, where)
     grid = search_grid(box)
@@ -170,8 +175,8 @@ def find_equilibrium(
             tried += len(starts)
     if not found:
         raise no_equilibrium(balance, grid, residuals, tried)
-    held = assumptions_of_pieces(carried) if carried.pieces else assumptions(moment)
-    return _result(balance, box, found, begin, tried, held)
+    held = assumptions_of_pieces(carried) if carried.pieces else assumptions(model)
+    return _result(balance, box, found, begin, tried, carried, held)
 
 
 def _eigen(stiffness: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -199,13 +204,15 @@ def _result(
     found: list[Array],
     begin: Array | None,
     tried: int,
-    held: tuple[str, ...],
+    payload: Payload,
+    rests: tuple[str, ...],
 ) -> Equilibrium:
     ranked = _ranked(balance, box, found, begin)
     position = ranked[0]
     stiffness = balance.stiffness(position)
     eigenvalues, directions, stable = _eigen(stiffness)
     residual = balance.residual(position[None, :])[0]
+    held, notes = held_at(balance, payload, position)
     report = SearchReport(
         method="trust-region reflective least squares, analytic derivative",
         starts=tried,
@@ -224,10 +231,11 @@ def _result(
         directions=directions,
         stable=stable,
         moment=np.array(balance.moments(position[None, :])[0]),
+        held=held,
         field=balance.flux_density(position),
         currents=balance.currents,
         others=np.array(ranked[1:]).reshape(-1, 3),
-        assumptions=held,
+        assumptions=(*rests, *notes),
         report=report,
     )
 
@@ -235,7 +243,7 @@ def _result(
 def assumptions(moment: str) -> tuple[str, ...]:
     """What the force on a point dipole rests on."""
     held = {
-        "fixed": "the moment keeps its vertical direction",
+        "fixed": "the moment keeps its direction, up or down as the payload states",
         "aligned": "the moment stays parallel to the local field and keeps its magnitude",
     }[moment]
     return (
@@ -325,7 +333,10 @@ def _towards_lift(balance: MagnetBalance, lift: float) -> str:
     if not balance.currents.any():
         return "turn the currents on"
     # Soft iron is pulled towards the stronger field whatever the sign.
-    more = "turn the polarity of the coils around" if magnets else "put more current into the coils above"
+    more = "put more current into the coils above"
+    if magnets:
+        over = 'payload.direction = "down" or "up"' if body is None else "the rotation of the pieces"
+        more = f"turn the polarity of the coils around, or the magnet ({over})"
     return f"{more}; those that hold the payload {_ELSEWHERE}"
 
 

@@ -21,7 +21,9 @@ from fieldmap.levitation.balance import (
     BodyBalance,
     MagnetBalance,
     dipole_force,
+    held_at,
     magnet_balance,
+    model_of,
 )
 from fieldmap.levitation.places import check_centre, check_position
 from fieldmap.lookup.actuation import wrench_actuation
@@ -45,9 +47,10 @@ class LiftCurrent(Record):
     current: the common factor, A; currents (n_coils,) = current * shares. position (3,): the payload's centre, m.
     force (3,): magnetic force there, N; its z component is the weight, the other two are not balanced.
     force_per_ampere (3,), N/A of common current: dF/di at these currents. stiffness (3, 3) = -dF_i/dx_j, N/m.
-    field (3,): B in T in the middle of the payload's magnets and soft iron. assumptions: what the numbers rest on.
-    history: (common current in A, lift in N) of every state that was solved on the way, empty for a field that
-    superposes, with or without a constant part.
+    held: which way the moment of the magnets points and whether it turns, such as "moment down, fixed". field (3,): B
+    in T in the middle of the payload's magnets and soft iron. assumptions: what the numbers rest on. history: (common
+    current in A, lift in N) of every state that was solved on the way, empty for a field that superposes, with or
+    without a constant part.
     """
 
     current: float
@@ -56,6 +59,7 @@ class LiftCurrent(Record):
     force: Array
     force_per_ampere: Array
     stiffness: Array
+    held: str
     field: Array
     assumptions: tuple[str, ...]
     history: tuple[tuple[float, float], ...] = ()
@@ -76,10 +80,12 @@ def lift_current(
     tolerance: float = 1e-4,
     on_state: Callable[[float, float], None] | None = None,
 ) -> LiftCurrent:
-    """Common current that carries the weight at a position: a vertical point dipole, pulled up by a positive current.
+    """Common current that carries the weight of a point dipole at a position.
 
-    A field that is proportional to the currents gives i = m g / (D dBz/dz per ampere), docs/theory/equilibrium.md. If
-    the field has a constant part, i carries the rest of the weight, and may be zero or negative. Any other field is
+    The dipole points as the payload says, and the current is negative if a positive one pulls it down. A field that is
+    proportional to the currents gives i = m g / (D dBz/dz per ampere), docs/theory/equilibrium.md. If the field has a
+    constant part, i carries the rest of the weight. The moment of a payload that states turning = "free" follows the
+    field, which may be of any kind then, and any other field is
     evaluated at about four currents: at `first`, then at `first` times weight divided by lift, then by the secant,
     until |F_z - m g| <= tolerance m g. Once two currents bracket the weight, the secant stays between them. A
     payload of pieces stays upright, and its current is found by the same search; the pull on soft iron grows with the
@@ -130,28 +136,22 @@ def lift_current(
     source = as_field(field)
     weights = _checked(source, shares, first, tolerance)
     point = check_centre(require_bounds(source), carried, position, _POSITION)
-    if source.affine and not carried.pieces:
-        return _superposed(source, carried, point, weights, first)
+    if source.affine and not carried.pieces and model_of(carried) == "fixed":
+        return _superposed(source, carried, point, weights)
     return _by_secant(source, carried, point, weights, first, tolerance, on_state)
 
 
-def direction_of_lift(point: Array, moment: float, gradient: Array) -> float:
-    """+1 if a moment that points up is pulled up in this gradient (3, 3), -1 if one that points down is.
-
-    Raises Infeasible if neither is.
-    """
-    force = dipole_force(np.array([0.0, 0.0, moment]), gradient)
+def _require_pull(point: Array, force: Array, size: float) -> None:
+    """Raise Infeasible for a force (3,), N, without a vertical part; size: of the forces there, N."""
     # Rounding leaves some 1e-16 of the gradient where dBz/dz vanishes.
-    if abs(force[2]) <= 1e-12 * moment * np.linalg.norm(gradient):
+    if abs(force[2]) <= 1e-12 * size:
         must_hold = "dBz/dz must not vanish where a vertical dipole is to be lifted"
         received, remedy = "no vertical force for the given shares", "choose another position or other shares"
         raise Infeasible.of(_at(point), must_hold, received, remedy)
-    return float(np.sign(force[2]))
 
 
-def _superposed(field: Field, payload: Payload, point: Array, shares: Array, first: float) -> LiftCurrent:
-    """The lift current of a field that is the sum of its coils' fields and a constant, which may be zero. first: the
-    common current at which the direction of the moment is chosen, as for saturating iron."""
+def _superposed(field: Field, payload: Payload, point: Array, shares: Array) -> LiftCurrent:
+    """The lift current of a field that is the sum of its coils' fields and a constant, which may be zero."""
     if field.proportional:
         per_ampere, off = field.gradient(point[None, :], shares)[0], np.zeros((3, 3))
         held = "field and force are proportional to the currents (no saturation)"
@@ -159,24 +159,25 @@ def _superposed(field: Field, payload: Payload, point: Array, shares: Array, fir
         off = field.constant_gradient(point)
         per_ampere = np.einsum("c,cij->ij", shares, field.unit_gradient(point))
         held = "a field that no current drives, and fields in proportion to the currents (no saturation)"
-    direction_of_lift(point, payload.moment, per_ampere)
-    direction = direction_of_lift(point, payload.moment, off + first * per_ampere)
-    up = np.array([0.0, 0.0, direction * payload.moment])
-    by_coils, without = dipole_force(up, per_ampere), dipole_force(up, off)
+    moment = payload.moment_vector
+    by_coils, without = dipole_force(moment, per_ampere), dipole_force(moment, off)
+    _require_pull(point, by_coils, payload.moment * float(np.linalg.norm(per_ampere)))
     current = float((payload.mass * GRAVITY - without[2]) / by_coils[2])
-    balance = Balance(field, current * shares, payload.mass, payload.moment, up)
+    balance = Balance(field, current * shares, payload.mass, payload.moment, moment)
     held_magnet = "the magnet is a vertical point dipole at its centre"
-    return _lift(current, balance, point, by_coils, (f"linear: {held}", held_magnet))
+    return _lift(current, payload, balance, point, by_coils, (f"linear: {held}", held_magnet))
 
 
 def _lift(
     current: float,
+    payload: Payload,
     balance: MagnetBalance,
     point: Array,
     force_per_ampere: Array,
     assumptions: tuple[str, ...],
     history: tuple[tuple[float, float], ...] = (),
 ) -> LiftCurrent:
+    held, notes = held_at(balance, payload, point)
     return LiftCurrent(
         current=current,
         currents=balance.currents,
@@ -184,8 +185,9 @@ def _lift(
         force=balance.magnetic_force(point[None, :])[0],
         force_per_ampere=force_per_ampere,
         stiffness=balance.stiffness(point),
+        held=held,
         field=balance.flux_density(point),
-        assumptions=assumptions,
+        assumptions=(*assumptions, *notes),
         history=history,
     )
 
@@ -201,10 +203,8 @@ def _by_secant(
 ) -> LiftCurrent:
     """The lift current by the secant, from `first` on. If the field superposes it is cheap: the limit is 1e-9 then."""
     at = point[None, :]
-    if not payload.pieces:
-        # `magnet_balance` does not refuse a field that lifts nothing.
-        direction_of_lift(point, payload.moment, field.gradient(at, first * shares)[0])
-    balance = magnet_balance(field, first * shares, payload, point)
+    # Pieces stay upright here, whether the payload may turn or not.
+    balance = magnet_balance(field, first * shares, payload, point, "fixed" if payload.pieces else None)
     check_position(balance.box, point, _POSITION)
     limit, most = (1e-9, 4 * MAX_STATES) if field.affine else (tolerance, MAX_STATES)
     tried: list[tuple[float, float]] = []
@@ -218,9 +218,18 @@ def _by_secant(
             if not tried:
                 raise
             must_hold = "the lift must reach the weight at a current that the field holds"
-            received = f"lift / weight {_last(tried)}; the field does not hold {current:.4g} A"
+            received = (
+                f"lift / weight {_last(tried)}; {payload.held()}; the field does not hold {current:.4g} A"
+            )
             remedy = "choose a position nearer to the iron, or a field that holds more current"
+            if tried[0][1] < -1.0:
+                remedy = 'turn the shares around, or the magnet (payload.direction = "down" or "up")'
             raise OutsideMapError.of(_at(point), must_hold, received, remedy) from error
+        if not tried and not payload.soft:
+            sideways = (
+                payload.moment * field.gradient(at, balance.currents) if not payload.pieces else forces[0]
+            )
+            _require_pull(point, forces[0], float(np.linalg.norm(sideways)))
         tried.append((current, float(forces[-1][2] / balance.weight - 1.0)))
         if on_state is not None:
             on_state(current, tried[-1][1] + 1.0)
@@ -234,7 +243,7 @@ def _by_secant(
             )
             problem = Problem(_at(point), must_hold, received, remedy)
             raise NotConverged(problem, residuals=tuple(abs(value) for _, value in tried))
-        if forces[0][2] <= 0.0:
+        if payload.soft and forces[0][2] <= 0.0:
             must_hold = "the field must pull the payload up at the first current"
             remedy = (
                 "choose another position, other shares, or another first current; where every coil may carry its "
@@ -243,7 +252,7 @@ def _by_secant(
             received = f"{payload.description}, {first:g} A, no lift"
             raise Infeasible.of(_at(point), must_hold, received, remedy)
         # Soft iron is pulled with the square of the current.
-        current = _next_current(tried, 0.5 if payload.pieces else 1.0)
+        current = _next_current(tried, 0.5 if payload.soft else 1.0)
     if field.affine and isinstance(balance, BodyBalance):
         about = wrench_actuation(field, point, balance.body, balance.currents, balance.orientation)
         slope = about.matrix[:3] @ shares
@@ -255,12 +264,12 @@ def _by_secant(
     held: tuple[str, ...] = _HELD
     if isinstance(balance, BodyBalance):
         held = (f"the payload of {payload.description} stays upright", *balance.body.assumptions)
-    return _lift(current, balance, point, slope, held, history)
+    return _lift(current, payload, balance, point, slope, held, history)
 
 
 _HELD = (
     "nonlinear iron: a state of its own for each set of currents, no hysteresis",
-    "the magnet is a vertical point dipole at its centre and does not magnetise the iron",
+    "the magnet is a point dipole at its centre and does not magnetise the iron",
 )
 
 

@@ -17,7 +17,7 @@ from fieldmap.device.model import Payload
 from fieldmap.errors import NoEquilibrium, OutsideMapError
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
 from fieldmap.levitation.branches import equilibrium_at
-from fieldmap.levitation.lift import direction_of_lift, force_per_ampere, idle_note, signal_pushes
+from fieldmap.levitation.lift import force_per_ampere, idle_note, signal_pushes
 from fieldmap.levitation.places import check_position
 from fieldmap.levitation.stationary import StationaryPoint
 from fieldmap.lookup.payload import check_payload
@@ -150,9 +150,7 @@ def _least_power(
 ) -> tuple[Callable[[Array], Array], str]:
     """How level and direction signals (3,) become currents (n_coils,) of least power, and that in words."""
     lift = coil_currents(shares, field.coil_names)
-    gradient = field.gradient(point[None, :], level * lift)[0]
-    moment = np.array([0.0, 0.0, payload.moment * direction_of_lift(point, payload.moment, gradient)])
-    force = force_per_ampere(field, moment, point, level * lift)
+    force = force_per_ampere(field, payload.moment_vector, point, level * lift)
     pushes, idle = signal_pushes(force)
     words = "direction signals push with least power; a signal of 1 adds the level to a coil"
     words = "; ".join([words, *map(idle_note, idle)])

@@ -287,7 +287,7 @@ def test_a_start_on_saturating_iron_is_looked_for_where_equal_currents_carry_the
         info=SimpleNamespace(reduced_model=None),
         gradient=lambda _, currents: np.diag([0.0, 0.0, 0.3 * np.tanh(currents[0])]),
     )
-    magnet = SimpleNamespace(soft=False, moment=0.8)
+    magnet = SimpleNamespace(soft=False, moments=np.array([[0.0, 0.0, 0.8]]))
     body = SimpleNamespace(mass=0.01, gravity=9.8, magnet=magnet)
     found = start.Lift(opened, None, body, 0.75, None, False)._equal(np.zeros(3))
     assert found == pytest.approx(np.full(6, np.arctanh(0.098 / (0.3 * 0.8 * 0.75))), rel=0.03)

@@ -169,7 +169,7 @@ class Lift(Record):
         if self.body.magnet.soft:
             lift = np.array([opened.wrench(point, self.body.magnet, scale * each)[2] for each in equal])
         else:
-            moment = self.body.magnet.moment * scale
+            moment = self.body.magnet.moments[:, 2].sum() * scale
             lift = moment * np.array([opened.gradient(point, each)[2, 2] for each in equal])
         if opened.fixed_sources and lift[0] > lift[-1]:
             levels, lift = levels[::-1], lift[::-1]
