@@ -127,6 +127,8 @@ def currents(
     force: Annotated[str | None, option("--force", "X Y Z")] = None,
     torque: Annotated[str | None, option("--torque", "X Y Z")] = None,
     field: Annotated[str | None, option("--field", "X Y Z")] = None,
+    direction: Annotated[str | None, option("--direction", "X Y Z")] = None,
+    least_field: Annotated[float, option("--least-field", "T", min=0.0)] = 0.0,
     moment: options.Moment = None,
     payload_of: options.PayloadOf = None,
     limit: options.Limit = None,
@@ -139,8 +141,9 @@ def currents(
 ) -> None:
     """Find the currents of least power that give a force, a torque or a flux density at a point.
 
-    Force and torque act on the payload, upright, or on --moment. The exit code is 1 if no currents within the limits
-    give what was asked for; the message says what can be had.
+    Force and torque act on the payload, upright, or on --moment. With --direction the magnet follows the field, which
+    then points that way; so does --lift of five coils or more for a payload that states turning = "free". The exit code
+    is 1 if no currents within the limits give what was asked for; the message says what can be had.
 
     Example: fieldmap currents eight_coils_bead --at-mm 0 0 0 --lift
 
@@ -154,11 +157,20 @@ def currents(
         Torque, N m; nan leaves a component free.
     field
         Flux density, T; nan leaves a component free.
+    direction
+        Way in which the flux density points, of whatever size, and the magnet with it.
+    least_field
+        With --direction: at least this flux density along it.
     """
     from fieldmap.io.answers import least_power, lift_force
 
     points = arguments.parse_points(at, at_mm)
-    given = {"force": (force, "N"), "torque": (torque, "N m"), "field": (field, "T")}
+    given = {
+        "force": (force, "N"),
+        "torque": (torque, "N m"),
+        "field": (field, "T"),
+        "direction": (direction, "any unit"),
+    }
     asked = {
         name: arguments.parse_wanted(text, f"--{name}", unit)
         for name, (text, unit) in given.items()
@@ -168,13 +180,18 @@ def currents(
     iron, settings = options.of_device(changes, mu_r, nonlinear, refinement, form)
     with Progress("solving") as progress:
         found = options.find_named(source, iron, progress, settings)
-        acts = moment or lift or not asked.keys() <= {"field"}
+        acts = moment or lift or not asked.keys() <= {"field", "direction"}
         magnet = options.magnet_of_options(found, moment, payload_of, "a force") if acts else None
         if lift:
             payload = options.payload_of_option(found, payload_of)
             asked["force"] = lift_force(payload, len(found.coil_names))
+            # Three components of a force and two of a direction.
+            steered = payload is not None and not payload.pieces and len(found.coil_names) >= 5
+            if payload is not None and steered and payload.turning == "free":
+                asked.setdefault("direction", np.sign(payload.moment_vector))
         driver = None if found.driver is None else found.driver.current_limit
-        answer = least_power(found, points[0], magnet, driver if limit is None else limit, **asked)
+        most = driver if limit is None else limit
+        answer = least_power(found, points[0], magnet, most, least_field, **asked)
     page.print_result(answer, _currents_page, json)
 
 
@@ -193,7 +210,7 @@ def _check_demand(
         remedy = "give one --at X Y Z (m) or --at-mm X Y Z"
         problems.append(Problem("--at", "must give one point", f"{len(points)} points", remedy))
     if not (lift or asked):
-        must_hold = "must have --lift, --force, --torque or --field"
+        must_hold = "must have --lift, --force, --torque, --field or --direction"
         remedy = "--lift asks for the payload's weight, --force 0 0 0.01 for 10 mN upward"
         problems.append(Problem("currents", must_hold, "none of them", remedy))
     if asked and all(np.isnan(values).all() for values in asked.values()):
@@ -226,6 +243,9 @@ def _currents_page(answer: LeastPower) -> Iterator[page.Section]:
 def _demand(answer: LeastPower) -> Iterator[tuple[str, str]]:
     units = {"force": "mN", "torque": "mN m", "field": "mT"}
     for name, values in answer.asked.items():
+        if name == "direction":
+            yield name, f"B along ({', '.join(page.cells(values, '.4g'))})"
+            continue
         parts = ", ".join("free" if np.isnan(value) else f"{1e3 * value:.5g}" for value in values)
         yield name, f"({parts}) {units[name]} at {page.place(answer.given.points[0].at)} mm"
     none = "none; --limit sets one"

@@ -128,8 +128,8 @@ def probe(
 class LeastPower(Record):
     """Currents (n_coils,), A, of least power, and what they give at a point.
 
-    asked: force, N, torque, N m, or field, T, each (3,), NaN where a component was left free. limit: of every current,
-    A; None without one.
+    asked: force, N, torque, N m, or field, T, each (3,), NaN where a component was left free; or direction (3,), of a
+    magnet that follows the field. limit: of every current, A; None without one.
     """
 
     source: FieldSource
@@ -164,6 +164,7 @@ def least_power(
     at: Array,
     moment: Array | MagneticBody | None = None,
     limit: float | None = None,
+    least_field: float = 0.0,
     **asked: Array | None,
 ) -> LeastPower:
     """The currents of least power that give what is asked for at a point.
@@ -178,8 +179,11 @@ def least_power(
         (3,), A m^2, or an upright body.
     limit
         Of each current, A; none unless given.
+    least_field
+        With a direction: B along it, T, is at least this.
     **asked
-        force, torque, both on the moment, and field: each (3,), NaN for a free component.
+        force, torque, both on the moment, and field: each (3,), NaN for a free component. direction (3,): B points that
+        way, and with it a moment of the size of the given one.
 
     Returns
     -------
@@ -194,16 +198,20 @@ def least_power(
         As `fieldmap.lookup.currents_for` raises them.
     """
     wanted = {name: np.asarray(values, dtype=float) for name, values in asked.items() if values is not None}
+    direction = wanted.get("direction")
+    turns = direction is not None and moment is not None and not isinstance(moment, MagneticBody)
     currents = currents_for(
         source.field,
         at,
         wanted.get("force"),
-        moment,
+        float(np.linalg.norm(np.asarray(moment))) if turns else moment,
         limit,
         torque=wanted.get("torque"),
         flux_density=wanted.get("field"),
+        direction=direction,
+        least_field=least_field,
     )
-    return LeastPower(source, currents, wanted, limit, probe(source, at[None, :], currents, moment))
+    return LeastPower(source, currents, wanted, limit, probe(source, at[None, :], currents, moment, turns))
 
 
 def lift_force(payload: Payload | None, coils: int) -> Array:
