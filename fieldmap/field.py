@@ -36,6 +36,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import checked_vectors
 from fieldmap.errors import InputError, Problem
+from fieldmap.reaction import Reaction, own_reaction
 from fieldmap.records import count_of, short, shortened
 from fieldmap.typing import Array
 from fieldmap.usual_values import warn_if_unusual
@@ -302,6 +303,12 @@ class TakesPoints(ABC):
     def assumptions(self) -> tuple[str, ...]:
         """What the field rests on."""
         return ()
+
+    @property
+    def reaction(self) -> Reaction | None:
+        """The reaction of the field's iron to magnets, which forces and torques then contain; None where it is not
+        known or left out."""
+        return None
 
     def outlines(self) -> Sequence[Any]:
         """What a drawing shows of it (`fieldmap.device.drawing.Outline`): nothing unless a class says otherwise."""
@@ -736,6 +743,11 @@ class FixedCurrents(FieldAtCurrents):
         """What the field rests on."""
         return self.source.assumptions
 
+    @property
+    def reaction(self) -> Reaction | None:
+        """The reaction of the field's iron."""
+        return self.source.reaction
+
     def field(self, points: ArrayLike) -> Array:
         """B (n, 3), T."""
         return self.source.field(points, self.currents)
@@ -819,6 +831,11 @@ class CompletedField(Field):
     def assumptions(self) -> tuple[str, ...]:
         """What the object says; otherwise none."""
         return tuple(getattr(self.source, "assumptions", ()))
+
+    @property
+    def reaction(self) -> Reaction | None:
+        """What the object says; otherwise none."""
+        return getattr(self.source, "reaction", None)
 
     def field(self, points: ArrayLike, currents: Any) -> Array:
         """B (n, 3), T."""
@@ -1197,6 +1214,10 @@ def _wrench(
     refuse_orientations(orientations)
     where, single = checked_vectors("positions", positions)
     result = dipole_wrench(*field_and_gradient(where), moments)
+    if field.reaction is not None:
+        result += dipole_wrench(
+            *own_reaction(field.reaction, where, checked_vectors("moments", moments)[0]), moments
+        )
     return result[0] if single else result
 
 

@@ -28,12 +28,12 @@ answer = {
 
 USE = """
 import fieldmap as fm
+from fieldmap.lookup import magnetic_body
 
 m = fm.open_map("sample")
 device = fm.read_device("disk_six_cores", changes={"driver.current_limit_A": 15.0})
 e = fm.find_equilibrium(m, 9.0, device.payload)
-moment = [0.0, 0.0, device.payload.moment]
-wrench = m.wrench(e.position, moment, 9.0)
+wrench = m.wrench(e.position, magnetic_body(device.payload), 9.0)
 run = fm.simulate("hold", {"duration_s": 0.1, "start.depth_mm": 95, "field.scale": 2.15}, field_map=m, device=device)
 answer = {
     "wrench": wrench.tolist(),

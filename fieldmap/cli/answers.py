@@ -17,7 +17,7 @@ from fieldmap.arguments import check, raise_all
 from fieldmap.cli import arguments, options, page
 from fieldmap.cli.options import option
 from fieldmap.constants import GRAVITY
-from fieldmap.errors import OutsideMapError, Problem
+from fieldmap.errors import InputError, OutsideMapError, Problem
 from fieldmap.progress import Progress
 
 if TYPE_CHECKING:
@@ -323,12 +323,18 @@ def _tell_state(current: float, share: float) -> None:
 
 
 def _height(found: FieldSource, height_mm: float | None, sensor_mm: float | None, payload: Payload) -> float:
-    from fieldmap.device.measured import measured_machine, measured_on
+    from fieldmap.device.measured import measured_on
 
     if height_mm is not None:
         return 1e-3 * height_mm
-    frame = measured_on(found.device_name, len(found.coil_names)) or measured_machine()
-    return frame.height(float(sensor_mm or 0.0), payload.magnet_offset)
+    machine, must_hold = (
+        measured_on(found.device_name, len(found.coil_names)),
+        "needs a machine with a measured sensor",
+    )
+    if machine is None:
+        remedy = "give the height of the magnet's centre: --height-mm"
+        raise InputError.of("--sensor-mm", must_hold, found.device_name or found.name, remedy)
+    return machine.height(float(sensor_mm or 0.0), payload.magnet_offset)
 
 
 def _equilibrium_page(answer: Levitation) -> Iterator[page.Section]:
@@ -355,7 +361,7 @@ def _common_rows(answer: Levitation) -> Iterator[tuple[str, str]]:
     yield "payload", f"{weight}, {payload.description}"
     yield "currents", page.currents_text(answer.source.coil_names, found.currents)
     yield "magnet's centre", _to_a_micrometre(found.position)
-    if answer.has_sensor:
+    if answer.reading_mm is not None:
         offset = f"(magnet_offset {1e3 * payload.magnet_offset:g} mm)"
         yield "sensor reading", f"{answer.reading_mm:.3f} mm downward {offset}"
     yield "field there", f"({', '.join(page.cells(page.without_noise(found.field), '.4g', 1e3))}) mT"

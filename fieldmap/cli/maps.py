@@ -124,7 +124,7 @@ def _page(pictures: Sequence[MapPicture], summary: MapSummary) -> Iterator[page.
     yield _lift_table(summary) if summary.lift else None
     for shift in summary.shifts:
         yield _shift_table(shift)
-    yield page.assumed((*record.assumptions, *payload))
+    yield page.assumed((*record.assumptions, *payload, *summary.lift_assumptions))
     yield Text(summary.saturation, style="bold") if summary.saturation else None
     if pictures:
         yield page.facts((one.shows, str(one.path or one.problem)) for one in pictures)

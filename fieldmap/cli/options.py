@@ -340,7 +340,8 @@ def magnet_of_options(
     Returns
     -------
     array (3,), MagneticBody or None
-        A moment, A m^2, that of the payload; the body of a payload of pieces; None if no magnet was asked for.
+        A moment, A m^2, as the payload says, of a point dipole; the body of any other payload; None if no magnet was
+        asked for.
 
     Raises
     ------
@@ -356,7 +357,7 @@ def magnet_of_options(
         must_hold = f"must have a [payload] table for {'--payload-of' if payload_of else needed_by}"
         remedy = "add one, name a device that has one with --payload-of, or give --moment X Y Z"
         raise InputError.of(payload_of or found.name, must_hold, "none", remedy)
-    if payload.pieces:
+    if payload.extended:
         from fieldmap.lookup import magnetic_body
 
         return magnetic_body(payload)

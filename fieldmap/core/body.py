@@ -33,12 +33,21 @@ class CoreBody:
         self.body = LIBRARY.magnetic_body(*self._given)
 
     def wrench_slopes(
-        self, turn: Array, weights: Array, flux: Array, gradient: Array, wrench: Array, slopes: Array
+        self,
+        turn: Array,
+        weights: Array,
+        fields: tuple[Array, Array],
+        reaction: tuple[int, Array, Array],
+        wrench: Array,
+        slopes: Array,
     ) -> None:
         """Fill wrench (6,), N and N m about the origin of the body, and slopes (6, k), its derivatives by weights (k,).
-        flux (points, k, 3), T, gradient (points, k, 3, 3), T/m: of k fields at weight 1, at the dipoles and the pieces
-        of soft iron."""
-        LIBRARY.body_wrench_slopes(self.body, turn, weights, flux, gradient, wrench, slopes)
+
+        fields: flux (points, k, 3), T, and gradient (points, k, 3, 3), T/m, of k fields at weight 1, at the dipoles and
+        the pieces of soft iron. reaction: of how many fields of the iron's reaction, the last, the sign is -1, and the
+        same of these fields.
+        """
+        LIBRARY.body_wrench_slopes(self.body, turn, weights, *fields, *reaction, wrench, slopes)
 
     def induced_moments(
         self, turns: Array, flux: Array, moments: Array, energies: Array, slopes: Array | None

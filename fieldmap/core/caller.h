@@ -75,7 +75,8 @@ static inline size_t fieldmap_caller_room(const fieldmap_caller *of)
 {
     const size_t fields = (size_t)fieldmap_sets(of->map), coils = (size_t)fieldmap_caller_coils(of);
     const size_t points = of->body == NULL ? 0 : (size_t)fieldmap_body_points(of->body);
-    return fields * (1 + 6 + coils + 12 * points);
+    const size_t reacting = (size_t)of->map->reacting;
+    return fields * (1 + 6 + coils + 12 * points) + 12 * points * reacting;
 }
 
 /* wrench[6], N and N m, on the body at a place[3], turned by r[9], about its origin, and slopes[6 * coils], its derivatives
@@ -86,6 +87,11 @@ static inline int fieldmap_caller_wrench(const fieldmap_caller *of, const double
     const int fields = fieldmap_sets(of->map), coils = fieldmap_caller_coils(of), points = fieldmap_body_points(of->body);
     double *weights = room, *by_weight = weights + fields, *by_current = by_weight + 6 * (size_t)fields;
     double *flux = by_current + (size_t)fields * (size_t)coils, *gradient = flux + 3 * (size_t)points * (size_t)fields;
+    const int reacting = of->map->reacting;
+    const fieldmap own = fieldmap_reaction(of->map);
+    double *back = gradient + 9 * (size_t)points * (size_t)fields, *back_slope = back + 3 * (size_t)points * (size_t)reacting;
+    const fieldmap_acting by = {fields, weights, flux, gradient};
+    const fieldmap_reacting reaction = {reacting, of->map->repelled, back, back_slope};
     int status = of->table == NULL ? FIELDMAP_OK : FIELDMAP_ARGUMENT, p, i, c, f;
     if (status == FIELDMAP_OK && of->iron != NULL) {
         status = fieldmap_iron_slopes(of->iron, currents, weights, by_current);
@@ -98,13 +104,16 @@ static inline int fieldmap_caller_wrench(const fieldmap_caller *of, const double
         for (i = 0; i < 3; i++) point[i] = place[i] + arm[i];
         status = fieldmap_each_field(of->map, point, flux + 3 * (size_t)p * (size_t)fields,
                                      gradient + 9 * (size_t)p * (size_t)fields);
+        if (status == FIELDMAP_OK && reacting > 0)
+            status = fieldmap_each_field(&own, point, back + 3 * (size_t)p * (size_t)reacting,
+                                         back_slope + 9 * (size_t)p * (size_t)reacting);
     }
     if (status != FIELDMAP_OK) {
         fieldmap_unknown(wrench, 6);
         fieldmap_unknown(slopes, 6 * coils);
         return status;
     }
-    fieldmap_body_wrench_slopes(of->body, r, fields, weights, flux, gradient, wrench, by_weight);
+    fieldmap_body_wrench_slopes(of->body, r, &by, &reaction, wrench, by_weight);
     for (i = 0; i < 6; i++)
         for (c = 0; c < coils; c++) {
             const double *row = by_weight + (size_t)i * (size_t)fields;

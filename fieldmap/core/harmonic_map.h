@@ -25,7 +25,8 @@ enum { FIELDMAP_HERMITE, FIELDMAP_HARMONIC, FIELDMAP_GLOBAL };
 /* A map: treat as read-only. cells: along each axis; inverse: 1 / spacing, 1/m; local: spacing over the unit of length
  * of the polynomials, and per_length its inverse, 1/m; clamps: whether a point outside gets the value at the nearest
  * point of the box, not NaN. names: of the coils, each ended by a zero byte, one behind the other; owned: what
- * fieldmap_open took. */
+ * fieldmap_open took. reaction: so many sets `reacting` of coefficients as those of the fields, of the iron's
+ * reaction to magnets, or NULL; repelled: of how many of them, the last, the sign is -1 (reaction.h). */
 typedef struct fieldmap {
     int n_coils, constant, degree, kind, clamps, size;
     int cells[3];
@@ -33,6 +34,8 @@ typedef struct fieldmap {
     const fm_real *coefficients;
     const char *names;
     void *owned;
+    const fm_real *reaction;
+    int reacting, repelled;
 } fieldmap;
 
 /* How many sets of coefficients a map has. */

@@ -9,9 +9,12 @@
 #ifndef FIELDMAP_MAGNETIC_BODY_H
 #define FIELDMAP_MAGNETIC_BODY_H
 
+#include <math.h>
+#include <string.h>
+
 #include "path.h"
+#include "reaction.h"
 #include "soft_iron.h"
-#include "wrench.h"
 
 /* T m/A: fieldmap.kernels.constants. */
 #define FIELDMAP_MU0 1.25663706127e-6
@@ -81,75 +84,262 @@ static inline void fieldmap_add_dipole(
     }
 }
 
+/* Steps towards the moments of soft iron in the reaction to itself, which is weak: each gains digits. */
+enum { FIELDMAP_REACTION_STEPS = 40 };
+
+/* flux[3], gradient[9], T/m, of a field and of the reaction with these signed weights, or NULL, at point p of a body; arm[3]
+ * to it, and `at`, the point itself. */
+FIELDMAP_INLINE int fieldmap_body_field(
+    const fieldmap_path *field, const fieldmap_magnetic_body *body, const double *place, const double *r, int p,
+    const double *reacting, double *arm, double *at, double *flux, double *gradient)
+{
+    int i, status;
+    fieldmap_body_arm(body, p, r, arm);
+    for (i = 0; i < 3; i++) at[i] = place[i] + arm[i];
+    status = fieldmap_path_field(field, p, at, flux, gradient);
+    if (status == FIELDMAP_OK && reacting != NULL)
+        status = fieldmap_reaction_field(field->map, reacting, at, flux, gradient);
+    return status;
+}
+
+/* Add to weights[k] of the reaction those of points first to last - 1 of a body; its soft iron in the field of the reaction
+ * with signed weights `reacting` or NULL. */
+static inline int fieldmap_body_reacts(
+    const fieldmap_path *field, const fieldmap_magnetic_body *body, const double *place, const double *r, int first, int last,
+    const double *reacting, double *weights, double *at)
+{
+    int p, i, status = FIELDMAP_OK;
+    for (p = first; p < last && status == FIELDMAP_OK; p++) {
+        double arm[3], flux[3] = {0.0}, gradient[9], moment[3];
+        if (p < body->n_dipoles) {
+            fieldmap_body_arm(body, p, r, arm);
+            for (i = 0; i < 3; i++) at[i] = place[i] + arm[i];
+        } else {
+            status = fieldmap_body_field(field, body, place, r, p, reacting, arm, at, flux, gradient);
+        }
+        fieldmap_body_moment(body, p, r, flux, moment);
+        if (status == FIELDMAP_OK) status = fieldmap_reaction_add(field->map, at, moment, weights);
+    }
+    return status;
+}
+
+/* From weights in the last step to those in the next, in place: whether they have changed by more than rounding. */
+static inline int fieldmap_reacting_moved(int fields, const double *next, double *weights)
+{
+    double largest = 0.0, change = 0.0;
+    int k;
+    for (k = 0; k < fields; k++) {
+        const double by = fabs(next[k] - weights[k]), size = fabs(next[k]);
+        change = by > change ? by : change, largest = size > largest ? size : largest;
+        weights[k] = next[k];
+    }
+    return change > 1e-14 * largest;
+}
+
+/* The signed weights of the iron's reaction to a body: NULL in *reacting where the map knows none. */
+static inline int fieldmap_body_reaction(
+    const fieldmap_path *field, const fieldmap_magnetic_body *body, const double *place, const double *r, double *room,
+    const double **reacting, double *at)
+{
+    const fieldmap *map = field->map;
+    double fixed[FIELDMAP_REACTION_FIELDS] = {0.0}, next[FIELDMAP_REACTION_FIELDS];
+    int k, step, sets, status;
+    *reacting = NULL;
+    if (map->reaction == NULL) return FIELDMAP_OK;
+    sets = map->reacting;
+    status = fieldmap_body_reacts(field, body, place, r, 0, body->n_dipoles, NULL, fixed, at);
+    for (k = 0; k < sets; k++) room[k] = fixed[k];
+    fieldmap_reaction_signs(map, room);
+    for (step = 0; step < FIELDMAP_REACTION_STEPS && body->n_soft > 0 && status == FIELDMAP_OK; step++) {
+        for (k = 0; k < sets; k++) next[k] = fixed[k];
+        status = fieldmap_body_reacts(field, body, place, r, body->n_dipoles, fieldmap_body_points(body), room, next, at);
+        fieldmap_reaction_signs(map, next);
+        if (!fieldmap_reacting_moved(sets, next, room)) break;
+    }
+    *reacting = room;
+    return status;
+}
+
 /* wrench[6] on a body at a place, turned by r[9], about its origin, all in the frame of the map. The status of the first
  * point at which the field is not known, with that point in `at` unless NULL. */
 static inline int fieldmap_body_wrench(const fieldmap_path *field, const fieldmap_magnetic_body *body, const double *place,
                                        const double *r, double *wrench, double *at)
 {
     const int points = fieldmap_body_points(body);
-    int p, i;
+    double room[FIELDMAP_REACTION_FIELDS], point[3];
+    const double *reacting;
+    int p, i, status;
     for (i = 0; i < 6; i++) wrench[i] = 0.0;
-    for (p = 0; p < points; p++) {
-        double arm[3], point[3], flux[3], gradient[9], moment[3];
-        int status;
-        fieldmap_body_arm(body, p, r, arm);
-        for (i = 0; i < 3; i++) point[i] = place[i] + arm[i];
-        status = fieldmap_path_field(field, p, point, flux, gradient);
-        if (status != FIELDMAP_OK) {
-            for (i = 0; i < 3 && at != NULL; i++) at[i] = point[i];
-            return status;
-        }
+    status = fieldmap_body_reaction(field, body, place, r, room, &reacting, point);
+    for (p = 0; p < points && status == FIELDMAP_OK; p++) {
+        double arm[3], flux[3], gradient[9], moment[3];
+        status = fieldmap_body_field(field, body, place, r, p, reacting, arm, point, flux, gradient);
+        if (status != FIELDMAP_OK) break;
         fieldmap_body_moment(body, p, r, flux, moment);
         fieldmap_add_wrench(flux, gradient, moment, arm, wrench);
     }
-    return FIELDMAP_OK;
+    for (i = 0; i < 3 && at != NULL && status != FIELDMAP_OK; i++) at[i] = point[i];
+    return status;
 }
 
 /* *energy, J, of a body in a field; a status as above. */
 static inline int fieldmap_body_energy(const fieldmap_path *field, const fieldmap_magnetic_body *body, const double *place,
                                        const double *r, double *energy)
 {
-    int p, i;
+    double room[FIELDMAP_REACTION_FIELDS], weights[FIELDMAP_REACTION_FIELDS] = {0.0}, point[3];
+    const double *reacting;
+    int p, k, status = fieldmap_body_reaction(field, body, place, r, room, &reacting, point);
     *energy = 0.0;
-    for (p = 0; p < fieldmap_body_points(body); p++) {
-        double arm[3], point[3], flux[3], gradient[9], moment[3];
-        int status;
-        fieldmap_body_arm(body, p, r, arm);
-        for (i = 0; i < 3; i++) point[i] = place[i] + arm[i];
-        status = fieldmap_path_field(field, p, point, flux, gradient);
-        if (status != FIELDMAP_OK) return status;
+    for (p = 0; p < fieldmap_body_points(body) && status == FIELDMAP_OK; p++) {
+        double arm[3], flux[3], gradient[9], moment[3];
+        status = fieldmap_body_field(field, body, place, r, p, reacting, arm, point, flux, gradient);
+        if (status != FIELDMAP_OK) break;
         *energy += fieldmap_body_moment(body, p, r, flux, moment);
+        if (reacting != NULL) status = fieldmap_reaction_add(field->map, point, moment, weights);
     }
-    return FIELDMAP_OK;
+    /* The energy of every moment in the reaction counts the pair of both twice. */
+    for (k = 0; reacting != NULL && k < field->map->reacting; k++) *energy += 0.5 * weights[k] * reacting[k];
+    return status;
 }
 
-/* wrench[6] about the origin, and slopes[6 * fields], its derivatives by the weights of `fields` fields. flux[(p * fields +
- * k) * 3], gradient[(p * fields + k) * 9]: of field k at weight 1, at point p of the body. A soft piece's moment follows the
- * weights, dm/dw = (dm/dB) dB/dw. */
-static inline void fieldmap_body_wrench_slopes(const fieldmap_magnetic_body *body, const double *r, int fields,
-                                               const double *weights, const double *flux, const double *gradient,
-                                               double *wrench, double *slopes)
+/* Fields of the iron's reaction at the points of a body: flux[(p * fields + k) * 3] and gradient[(p * fields + k) * 9] of field
+ * k at weight 1; the sign is -1 for the last `repelled`. None: fields is 0. */
+typedef struct fieldmap_reacting {
+    int fields, repelled;
+    const double *flux, *gradient;
+} fieldmap_reacting;
+
+/* Add to flux[3] and gradient[9] at point p the reaction with weights w_k. */
+static inline void fieldmap_reacting_field(const fieldmap_reacting *of, int p, const double *weights, double *flux, double *gradient)
 {
+    const double *each = of->flux + (size_t)p * (size_t)of->fields * 3;
+    const double *slope = of->gradient + (size_t)p * (size_t)of->fields * 9;
+    int k, i;
+    for (k = 0; k < of->fields; k++) {
+        const double weight = k < of->fields - of->repelled ? weights[k] : -weights[k];
+        for (i = 0; i < 3; i++) flux[i] += weight * each[3 * k + i];
+        for (i = 0; i < 9; i++) gradient[i] += weight * slope[9 * k + i];
+    }
+}
+
+/* Add to weights w_k those of a moment at point p. */
+static inline void fieldmap_reacting_add(const fieldmap_reacting *of, int p, const double *moment, double *weights)
+{
+    const double *each = of->flux + (size_t)p * (size_t)of->fields * 3;
+    int k;
+    for (k = 0; k < of->fields; k++) weights[k] += fieldmap_dot(moment, each + 3 * k);
+}
+
+/* The fields of others at the points of a body: of field k at weight 1, as those of a reaction. */
+typedef struct fieldmap_acting {
+    int fields;
+    const double *weights, *flux, *gradient;
+} fieldmap_acting;
+
+/* flux[3] and gradient[9] at point p: of others, and of the reaction with weights w_k. */
+static inline void fieldmap_acting_field(
+    const fieldmap_acting *by, const fieldmap_reacting *of, int p, const double *reacting, double *flux, double *gradient)
+{
+    const double *each = by->flux + (size_t)p * (size_t)by->fields * 3;
+    const double *slope = by->gradient + (size_t)p * (size_t)by->fields * 9;
+    int k, i;
+    for (i = 0; i < 3; i++) flux[i] = 0.0;
+    for (i = 0; i < 9; i++) gradient[i] = 0.0;
+    for (k = 0; k < by->fields; k++) {
+        for (i = 0; i < 3; i++) flux[i] += by->weights[k] * each[3 * k + i];
+        for (i = 0; i < 9; i++) gradient[i] += by->weights[k] * slope[9 * k + i];
+    }
+    fieldmap_reacting_field(of, p, reacting, flux, gradient);
+}
+
+/* dm/dB, out[9], of soft point p in flux[3], in the frame of the map. */
+static inline void fieldmap_body_moment_slope(const fieldmap_magnetic_body *body, int p, const double *r, const double *flux, double *out)
+{
+    double inside[3], own[9];
+    fieldmap_to_body(r, flux, inside);
+    fieldmap_moment_slope(body->soft + (p - body->n_dipoles), inside, own);
+    fieldmap_turned_matrix(r, own, out);
+}
+
+/* weights[] w_k of the reaction to a body in these fields. */
+static inline void fieldmap_reacting_weights(const fieldmap_acting *by, const fieldmap_reacting *of, const fieldmap_magnetic_body *body,
+                                             const double *r, double *weights)
+{
+    const size_t bytes = (size_t)of->fields * sizeof(double);
+    double fixed[FIELDMAP_REACTION_FIELDS] = {0.0}, next[FIELDMAP_REACTION_FIELDS], flux[3] = {0.0}, gradient[9], moment[3];
+    int p, step;
+    for (p = 0; p < body->n_dipoles; p++) {
+        fieldmap_body_moment(body, p, r, flux, moment);
+        fieldmap_reacting_add(of, p, moment, fixed);
+    }
+    memcpy(weights, fixed, bytes);
+    for (step = 0; step < FIELDMAP_REACTION_STEPS && body->n_soft > 0; step++) {
+        memcpy(next, fixed, bytes);
+        for (p = body->n_dipoles; p < fieldmap_body_points(body); p++) {
+            fieldmap_acting_field(by, of, p, weights, flux, gradient);
+            fieldmap_body_moment(body, p, r, flux, moment);
+            fieldmap_reacting_add(of, p, moment, next);
+        }
+        if (!fieldmap_reacting_moved(of->fields, next, weights)) break;
+    }
+}
+
+/* Add to slopes[6] what follows from the reaction: soft iron whose moments change with the weight of field k changes it, and it
+ * changes them. reacting: its weights. */
+static inline void fieldmap_reacting_slopes(const fieldmap_acting *by, const fieldmap_reacting *of, const fieldmap_magnetic_body *body,
+                                            const double *r, const double *reacting, int k, double *slopes)
+{
+    const size_t bytes = (size_t)of->fields * sizeof(double);
+    double turn[FIELDMAP_REACTION_FIELDS] = {0.0}, next[FIELDMAP_REACTION_FIELDS], flux[3], gradient[9], by_field[9], change[3];
+    int p, i, step;
+    for (step = 0; step < FIELDMAP_REACTION_STEPS; step++) {
+        memset(next, 0, bytes);
+        for (p = body->n_dipoles; p < fieldmap_body_points(body); p++) {
+            double moved[3], unused[9] = {0.0};
+            fieldmap_acting_field(by, of, p, reacting, flux, gradient);
+            fieldmap_body_moment_slope(body, p, r, flux, by_field);
+            for (i = 0; i < 3; i++) moved[i] = by->flux[((size_t)p * (size_t)by->fields + (size_t)k) * 3 + (size_t)i];
+            fieldmap_reacting_field(of, p, turn, moved, unused);
+            fieldmap_to_map(by_field, moved, change);
+            fieldmap_reacting_add(of, p, change, next);
+        }
+        if (!fieldmap_reacting_moved(of->fields, next, turn)) break;
+    }
+    for (p = 0; p < fieldmap_body_points(body); p++) {
+        double arm[3], moment[3], moved[3] = {0.0}, slope[9] = {0.0};
+        fieldmap_acting_field(by, of, p, reacting, flux, gradient);
+        fieldmap_body_arm(body, p, r, arm);
+        fieldmap_body_moment(body, p, r, flux, moment);
+        fieldmap_reacting_field(of, p, turn, moved, slope);
+        fieldmap_add_wrench(moved, slope, moment, arm, slopes);
+        if (p < body->n_dipoles) continue;
+        fieldmap_body_moment_slope(body, p, r, flux, by_field);
+        fieldmap_to_map(by_field, moved, change);
+        fieldmap_add_wrench(flux, gradient, change, arm, slopes);
+    }
+}
+
+/* wrench[6] about the origin, and slopes[6 * fields], its derivatives by the weights of the fields of others. A soft piece's
+ * moment follows the weights, dm/dw = (dm/dB) dB/dw. */
+static inline void fieldmap_body_wrench_slopes(const fieldmap_magnetic_body *body, const double *r, const fieldmap_acting *by,
+                                               const fieldmap_reacting *of, double *wrench, double *slopes)
+{
+    const int fields = by->fields;
+    double reacting[FIELDMAP_REACTION_FIELDS];
     int p, i, k;
     for (i = 0; i < 6; i++) wrench[i] = 0.0;
     for (i = 0; i < 6 * fields; i++) slopes[i] = 0.0;
+    fieldmap_reacting_weights(by, of, body, r, reacting);
     for (p = 0; p < fieldmap_body_points(body); p++) {
-        const double *each = flux + (size_t)p * (size_t)fields * 3, *slope = gradient + (size_t)p * (size_t)fields * 9;
+        const double *each = by->flux + (size_t)p * (size_t)fields * 3;
+        const double *slope = by->gradient + (size_t)p * (size_t)fields * 9;
         const int soft = p >= body->n_dipoles;
-        double arm[3], b[3] = {0.0}, g[9] = {0.0}, moment[3], by_field[9];
-        for (k = 0; k < fields; k++) {
-            for (i = 0; i < 3; i++) b[i] += weights[k] * each[3 * k + i];
-            for (i = 0; i < 9; i++) g[i] += weights[k] * slope[9 * k + i];
-        }
+        double arm[3], b[3], g[9], moment[3], by_field[9];
+        fieldmap_acting_field(by, of, p, reacting, b, g);
         fieldmap_body_arm(body, p, r, arm);
         fieldmap_body_moment(body, p, r, b, moment);
         fieldmap_add_wrench(b, g, moment, arm, wrench);
-        if (soft) {
-            double inside[3], own[9];
-            fieldmap_to_body(r, b, inside);
-            fieldmap_moment_slope(body->soft + (p - body->n_dipoles), inside, own);
-            fieldmap_turned_matrix(r, own, by_field);
-        }
+        if (soft) fieldmap_body_moment_slope(body, p, r, b, by_field);
         for (k = 0; k < fields; k++) {
             double by_weight[6] = {0.0}, change[3];
             fieldmap_add_wrench(each + 3 * k, slope + 9 * k, moment, arm, by_weight);
@@ -159,6 +349,11 @@ static inline void fieldmap_body_wrench_slopes(const fieldmap_magnetic_body *bod
             }
             for (i = 0; i < 6; i++) slopes[i * fields + k] += by_weight[i];
         }
+    }
+    for (k = 0; k < fields && body->n_soft > 0 && of->fields > 0; k++) {
+        double by_weight[6] = {0.0};
+        fieldmap_reacting_slopes(by, of, body, r, reacting, k, by_weight);
+        for (i = 0; i < 6; i++) slopes[i * fields + k] += by_weight[i];
     }
 }
 

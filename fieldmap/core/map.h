@@ -12,7 +12,6 @@
 
 #include "harmonic_map.h"
 #include "hermite.h"
-#include "wrench.h"
 
 /* Numbers of a node in Hermite form: three components of eight. A map of the potential has one component. */
 enum { FIELDMAP_NODE = 24, FIELDMAP_CORNER = 8 };
@@ -275,21 +274,6 @@ static inline int fieldmap_second_gradient(
     if (second == NULL) return FIELDMAP_ARGUMENT;
     if (status == FIELDMAP_OK) return fieldmap_second_gradient_of_weights(map, currents, point, second);
     fieldmap_unknown(second, 27);
-    return status;
-}
-
-/* wrench[6] on a dipole of moment[3] at point[3] for currents[n_coils]. */
-static inline int fieldmap_wrench(
-    const fieldmap *map, const fm_real *currents, const fm_real *point, const fm_real *moment, fm_real *wrench)
-{
-    fm_real flux[3], gradient[9];
-    int status;
-    if (moment == NULL || wrench == NULL) return FIELDMAP_ARGUMENT;
-    status = fieldmap_field(map, currents, point, flux, gradient);
-    if (status == FIELDMAP_OK)
-        fieldmap_dipole_wrench(flux, gradient, moment, wrench);
-    else
-        fieldmap_unknown(wrench, 6);
     return status;
 }
 

@@ -10,15 +10,26 @@ class CoreMap:
     """The block of a map (fieldmap/core/block.h), ready for the functions of the core.
 
     components: of the Hermite form, 3, or 1 of the potential. constant: whether the last set is a field that no current
-    drives, whose weight is 1. Arrays are float64 and in C order; others raise TypeError. points (n, 3), m; weights
-    (n, sets) or (1, sets) of the other sets, or None for a block of one set. Results are written to the arrays given
-    for them, NaN where a point is not finite or lies outside a box whose rule is not to clamp. Methods return how many
-    points lie outside. Several threads may call them at once.
+    drives, whose weight is 1. reaction: a map of the fields of the iron's reaction to magnets, of which the last
+    `repelled` count negatively (fieldmap/core/reaction.h); what asks for a wrench then gets that of the reaction, too.
+    Arrays are float64 and in C order; others raise TypeError. points (n, 3), m; weights (n, sets) or (1, sets) of the
+    other sets, or None for a block of one set. Results are written to the arrays given for them, NaN where a point is
+    not finite or lies outside a box whose rule is not to clamp. Methods return how many points lie outside. Several
+    threads may call them at once.
     """
 
-    def __init__(self, block: Array, components: int = 3, constant: bool = False) -> None:
-        self._given = block, components, constant
-        self.map = LIBRARY.map_of_block(*self._given)
+    def __init__(
+        self,
+        block: Array,
+        components: int = 3,
+        constant: bool = False,
+        reaction: "CoreMap | None" = None,
+        repelled: int = 0,
+    ) -> None:
+        self._given = block, components, constant, reaction, repelled
+        self.map = LIBRARY.map_of_block(block, components, constant)
+        if reaction is not None:
+            self.map = LIBRARY.reacting_map(self.map, reaction.block, repelled)
 
     @property
     def sets(self) -> int:

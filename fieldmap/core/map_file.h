@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "block.h"
+#include "reaction.h"
 
 /* Bytes before the names. */
 enum { FIELDMAP_NAMES = 40 };
@@ -93,27 +94,41 @@ static inline int fieldmap_view(fieldmap *map, const void *bytes, size_t size)
     const unsigned char *raw = (const unsigned char *)bytes;
     const double *block;
     uint32_t version, name_bytes;
-    uint64_t count;
+    uint64_t count, set;
+    long sets, reacting, repelled;
     size_t i, ended = 0;
     int status;
     if (map == NULL || bytes == NULL) return FIELDMAP_ARGUMENT;
     memset(map, 0, sizeof *map);
-    status = fieldmap_check_file(bytes, size, "fieldmap", FIELDMAP_NAMES, 2u, &version);
+    status = fieldmap_check_file(bytes, size, "fieldmap", FIELDMAP_NAMES, 3u, &version);
     if (status != FIELDMAP_OK) return status;
     memcpy(&name_bytes, raw + 28, 4);
     memcpy(&count, raw + 32, 8);
     if (name_bytes % 8u != 0 || name_bytes > size - FIELDMAP_NAMES) return FIELDMAP_DAMAGED;
     if (count > (size - FIELDMAP_NAMES - name_bytes) / 8 || count * 8 != size - FIELDMAP_NAMES - name_bytes)
         return FIELDMAP_DAMAGED;
+    if (count < FIELDMAP_HEADER) return FIELDMAP_DAMAGED;
     block = (const double *)(const void *)(raw + FIELDMAP_NAMES + name_bytes);
-    status = fieldmap_of_block(map, block, count, 3);
-    if (status == FIELDMAP_OK && map->kind == FIELDMAP_HERMITE) status = FIELDMAP_DAMAGED;
+    sets = fieldmap_whole(block[FIELDMAP_SETS], 1, 1000000);
+    reacting = fieldmap_whole(block[FIELDMAP_REACTING], 0, FIELDMAP_REACTION_FIELDS);
+    repelled = fieldmap_whole(block[FIELDMAP_REPELLED], 0, reacting);
     /* What the version says stands under the checksum as well. */
-    if (status == FIELDMAP_OK && block[FIELDMAP_CONSTANT] != (version == 2u ? 1.0 : 0.0)) status = FIELDMAP_DAMAGED;
-    if (status == FIELDMAP_OK && version == 2u) {
+    if (sets < 0 || reacting < 0 || repelled < 0 || (reacting > 0) != (version == 3u)) return FIELDMAP_DAMAGED;
+    set = (count - FIELDMAP_HEADER) / (uint64_t)(sets + reacting);
+    if (set * (uint64_t)(sets + reacting) != count - FIELDMAP_HEADER) return FIELDMAP_DAMAGED;
+    status = fieldmap_of_block(map, block, FIELDMAP_HEADER + set * (uint64_t)sets, 3);
+    if (status == FIELDMAP_OK && map->kind == FIELDMAP_HERMITE) status = FIELDMAP_DAMAGED;
+    if (status == FIELDMAP_OK && fieldmap_whole(block[FIELDMAP_CONSTANT], 0, 1) < 0) status = FIELDMAP_DAMAGED;
+    if (status == FIELDMAP_OK && version < 3u && block[FIELDMAP_CONSTANT] != (version == 2u ? 1.0 : 0.0))
+        status = FIELDMAP_DAMAGED;
+    if (status == FIELDMAP_OK && block[FIELDMAP_CONSTANT] == 1.0) {
         map->constant = 1;
         map->n_coils -= 1;
         if (map->n_coils < 1) status = FIELDMAP_DAMAGED;
+    }
+    if (status == FIELDMAP_OK && reacting > 0) {
+        map->reaction = map->coefficients + set * (uint64_t)sets;
+        map->reacting = (int)reacting, map->repelled = (int)repelled;
     }
     for (i = 0; i < name_bytes; i++) ended += raw[FIELDMAP_NAMES + i] == 0;
     if (status == FIELDMAP_OK && ended < (size_t)map->n_coils) status = FIELDMAP_DAMAGED;
@@ -160,12 +175,13 @@ static inline const char *fieldmap_coil_name(const fieldmap *map, int k)
 /* The map at fixed currents, asked with currents = NULL from then on: a copy, to be closed. `map` may be closed. */
 static inline int fieldmap_at(const fieldmap *map, const double *currents, fieldmap *fixed)
 {
-    size_t size, places, n, sets;
+    size_t size, places, n, sets, reaction;
     double *sums;
     if (map == NULL || map->coefficients == NULL || currents == NULL || fixed == NULL) return FIELDMAP_ARGUMENT;
     size = (size_t)map->size, sets = (size_t)fieldmap_sets(map);
     places = (size_t)map->cells[0] * (size_t)map->cells[1] * (size_t)map->cells[2];
-    sums = (double *)malloc(places * size * sizeof(double));
+    reaction = map->reaction == NULL ? 0 : places * size * (size_t)map->reacting;
+    sums = (double *)malloc((places * size + reaction) * sizeof(double));
     if (sums == NULL) return FIELDMAP_NO_MEMORY;
     for (n = 0; n < places; n++)
         fieldmap_sum_sets(map, map->coefficients + n * sets * size, currents, sums + n * size);
@@ -175,6 +191,10 @@ static inline int fieldmap_at(const fieldmap *map, const double *currents, field
     fixed->names = NULL;
     fixed->coefficients = sums;
     fixed->owned = sums;
+    if (reaction > 0) {
+        memcpy(sums + places * size, map->reaction, reaction * sizeof(double));
+        fixed->reaction = sums + places * size;
+    }
     return FIELDMAP_OK;
 }
 

@@ -53,20 +53,28 @@ static PyObject *magnetic_body(PyObject *self, PyObject *const *args, Py_ssize_t
     return held(&from, BODY, sizeof(fieldmap_magnetic_body), read_body);
 }
 
-/* body_wrench_slopes(body, turn, weights, flux, gradient, wrench, slopes) */
+/* body_wrench_slopes(body, turn, weights, flux, gradient, repelled, reaction flux, reaction gradient, wrench, slopes) */
 static PyObject *body_wrench_slopes(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
-    reader from = arguments(args, given, 7);
+    reader from = arguments(args, given, 10);
     const fieldmap_magnetic_body *body = (const fieldmap_magnetic_body *)held_of(&from, "body", BODY);
     const npy_intp points = body == NULL ? 0 : fieldmap_body_points(body);
     const double *turn = numbers_of(&from, "turn", 2, 9).at;
     const number_array weights = numbers_of(&from, "weights", 1, ANY);
     const double *flux = numbers_of(&from, "flux", 3, 3 * points * weights.size).at;
     const double *gradient = numbers_of(&from, "gradient", 4, 9 * points * weights.size).at;
+    const long repelled = whole_of(&from, "repelled");
+    const number_array reacting = numbers_of(&from, "reaction_flux", 3, ANY);
+    const npy_intp fields = reacting.shape[1];
+    const double *slope = numbers_of(&from, "reaction_gradient", 4, 9 * points * fields).at;
     double *wrench = filled_of(&from, "wrench", 6), *slopes = filled_of(&from, "slopes", 6 * weights.size);
+    const fieldmap_acting by = {(int)weights.size, weights.at, flux, gradient};
+    const fieldmap_reacting of = {(int)fields, (int)repelled, reacting.at, slope};
     (void)self;
+    require(reacting.size == 3 * points * fields && fields <= FIELDMAP_REACTION_FIELDS, PyExc_TypeError,
+            "reaction_flux must be (points, k, 3)");
     if (PyErr_Occurred()) return NULL;
-    fieldmap_body_wrench_slopes(body, turn, (int)weights.size, weights.at, flux, gradient, wrench, slopes);
+    fieldmap_body_wrench_slopes(body, turn, &by, &of, wrench, slopes);
     Py_RETURN_NONE;
 }
 

@@ -6,9 +6,8 @@
 #define FIELDMAP_PYTHON_MAP_H
 
 #include "block.h"
-#include "map.h"
 #include "python_reader.h"
-#include "wrench.h"
+#include "reaction.h"
 
 static const char *const MAP = "fieldmap.core.map";
 
@@ -21,6 +20,30 @@ static void read_map(reader *from, void *out)
     require(fieldmap_of_block(map, block.at, (uint64_t)block.size, components) == FIELDMAP_OK, PyExc_ValueError,
             "block is not that of a map");
     map->constant = constant, map->n_coils -= constant;
+}
+
+static void read_reacting(reader *from, void *out)
+{
+    fieldmap *map = (fieldmap *)out, own;
+    const fieldmap *of = (const fieldmap *)held_of(from, "map", MAP);
+    const number_array block = numbers_of(from, "block", 1, ANY);
+    const long repelled = whole_of(from, "repelled");
+    if (PyErr_Occurred()) return;
+    require(fieldmap_of_block(&own, block.at, (uint64_t)block.size, 3) == FIELDMAP_OK && own.kind == of->kind
+                && own.size == of->size && memcmp(own.cells, of->cells, sizeof own.cells) == 0,
+            PyExc_ValueError, "block is not that of a reaction in this map");
+    require(own.n_coils <= FIELDMAP_REACTION_FIELDS && repelled >= 0 && repelled <= own.n_coils, PyExc_ValueError,
+            "block has too many fields");
+    *map = *of;
+    map->reaction = own.coefficients, map->reacting = own.n_coils, map->repelled = (int)repelled;
+}
+
+/* reacting_map(map, block, repelled): the map with the iron's reaction to magnets. */
+static PyObject *reacting_map(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    reader from = kept_arguments(args, given, 3);
+    (void)self;
+    return held(&from, MAP, sizeof(fieldmap), read_reacting);
 }
 
 /* map_of_block(block, components, constant): see fieldmap.core.map. */
@@ -197,7 +220,7 @@ static PyObject *dipole_wrench_at(PyObject *self, PyObject *const *args, Py_ssiz
 {
     reader from = arguments(args, given, 4);
     const fieldmap *map = (const fieldmap *)held_of(&from, "map", MAP);
-    double flux[3], gradient[9], *out;
+    double found[6], *out;
     const double *point, *moment, *weights;
     PyObject *wrench;
     int fits;
@@ -207,9 +230,9 @@ static PyObject *dipole_wrench_at(PyObject *self, PyObject *const *args, Py_ssiz
     moment = vector_at(args[2], 3);
     weights = weights_at_point(map, args[3], &fits);
     if (point == NULL || moment == NULL || !fits) Py_RETURN_NONE;
-    if (fieldmap_field_of_weights(map, weights, point, flux, gradient) != FIELDMAP_OK) Py_RETURN_NONE;
+    if (fieldmap_wrench_of_weights(map, weights, point, moment, found) != FIELDMAP_OK) Py_RETURN_NONE;
     wrench = new_array(1, 6, 0, &out);
-    if (wrench != NULL) fieldmap_dipole_wrench(flux, gradient, moment, out);
+    if (wrench != NULL) memcpy(out, found, sizeof found);
     return wrench;
 }
 
@@ -257,7 +280,7 @@ static PyObject *derivative_matrix(PyObject *self, PyObject *const *args, Py_ssi
 }
 
 #define MAP_FUNCTIONS \
-    FUNCTION(map_of_block), FUNCTION(map_sets), FUNCTION(fields), FUNCTION(second_gradients), FUNCTION(potentials), FUNCTION(each_field), \
+    FUNCTION(map_of_block), FUNCTION(reacting_map), FUNCTION(map_sets), FUNCTION(fields), FUNCTION(second_gradients), FUNCTION(potentials), FUNCTION(each_field), \
     FUNCTION(sum_sets), FUNCTION(field_at), FUNCTION(dipole_wrench_at), FUNCTION(harmonics), FUNCTION(derivative_matrix)
 
 #define MAP_CONSTANTS \

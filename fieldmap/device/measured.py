@@ -14,9 +14,6 @@ from typing import Any
 from fieldmap.records import Record
 from fieldmap.shipped import shipped_folder
 
-DEFAULT = "drive_unit"
-"""The machine whose sensor frame is used for a device that nothing was measured on."""
-
 
 @dataclass(frozen=True, repr=False)
 class MeasuredShift(Record):
@@ -53,7 +50,7 @@ class MeasuredMachine(Record):
         """z of the magnet's centre, m, at a reading in mm. magnet_offset: depth of the centre below the point that the
         sensor reads, m.
 
-        >>> round(measured_machine().height(10.0, magnet_offset=0.015), 6)
+        >>> round(measured_machine("drive_unit").height(10.0, magnet_offset=0.015), 6)
         -0.102
         """
         return self.sensor_zero - 1e-3 * reading_mm - magnet_offset
@@ -65,7 +62,7 @@ class MeasuredMachine(Record):
     def lift_current(self, reading_mm: float) -> float:
         """Measured current in each coil, A, that lifts the magnet at a reading in mm.
 
-        >>> round(measured_machine().lift_current(10.0), 4)
+        >>> round(measured_machine("drive_unit").lift_current(10.0), 4)
         1.558
         """
         return self.lift_slope * reading_mm + self.lift_at_zero
@@ -85,7 +82,7 @@ def measured_on(device_name: str, coil_count: int) -> MeasuredMachine | None:
     return next(found, None)
 
 
-def measured_machine(name: str = DEFAULT) -> MeasuredMachine:
+def measured_machine(name: str) -> MeasuredMachine:
     """The measurements of a machine by its name. Raises KeyError for a machine without any."""
     return {machine.device: machine for machine in _machines()}[name]
 

@@ -263,7 +263,8 @@ class Payload(Made):
     printed with every result that uses it). inertia (3,) kg m^2; None: where
     something turns, that of a uniform body of the shape and size of the magnet or the pieces (`uniform_inertia`). drag:
     N s/m. pieces: magnets and soft iron in place of one magnet, `PayloadPiece` or a shape in the middle; what they make
-    of a field is `fieldmap.lookup.magnetic_body`.
+    of a field is `fieldmap.lookup.magnetic_body`. volume_level: of the volume rule that integrates the field over each
+    magnet (`fieldmap.lookup.volume_rule`); 1 takes each as a point dipole in its middle.
 
     >>> bead = Payload(mass=0.26e-3, pieces=[SoftSphere(4e-3, mu_r=1000.0)])
     >>> bead.soft, bead.moment, f"{bead.principal_moments[0]:.2e} kg m2"
@@ -319,6 +320,14 @@ class Payload(Made):
             examples=("fixed",),
         ),
     ] = None
+    volume_level: Annotated[
+        int,
+        Key(
+            Annotated[int, Field(ge=1, le=8)],
+            "level n of the rule that integrates the field over each magnet, exact for polynomials of degree 2 n - 1; "
+            "1 takes each magnet as a point dipole in its middle",
+        ),
+    ] = 3
 
     def __post_init__(self) -> None:
         if isinstance(self.pieces, list | tuple):
@@ -358,6 +367,26 @@ class Payload(Made):
         return any(isinstance(piece.shape, SoftBody) for piece in self.pieces)
 
     @property
+    def sized(self) -> bool:
+        """Whether some magnet has a shape whose size counts: a sphere is a point dipole exactly."""
+        shapes = (piece.shape for piece in self.pieces) if self.pieces else (self.magnet,)
+        return any(isinstance(shape, MagnetCylinder | MagnetBlock) for shape in shapes)
+
+    @property
+    def extended(self) -> bool:
+        """Whether its body is more than one dipole in the middle: pieces, or a magnet of finite size."""
+        return bool(self.pieces) or (self.sized and self.volume_level > 1)
+
+    @property
+    def rule(self) -> str:
+        """What stands for each of its magnets, in words; empty where it has none."""
+        if self.pieces and not any(isinstance(piece.shape, Magnet) for piece in self.pieces):
+            return ""
+        if self.sized and self.volume_level > 1:
+            return f"quadrature of level {self.volume_level}"
+        return "point dipole"
+
+    @property
     def principal_moments(self) -> tuple[float, float, float] | None:
         """Inertia, kg m^2: as given, or of a uniform body of this mass in the shape of the magnet, or of the pieces if
         the payload's axes are their principal axes; None otherwise."""
@@ -370,10 +399,9 @@ class Payload(Made):
     @property
     def assumptions(self) -> tuple[str, ...]:
         """What stands for its magnetism, and where it sits."""
-        depth = f"magnet_offset {1e3 * self.magnet_offset:g} mm"
-        if not self.pieces:
-            return (f"point dipole, {depth} below the point that the sensor reads",)
-        return (f"payload of {_pieces_text(self.pieces)}, {depth} below the point that the sensor reads",)
+        depth = f"magnet_offset {1e3 * self.magnet_offset:g} mm below the point that the sensor reads"
+        what = [f"payload of {_pieces_text(self.pieces)}"] if self.pieces else []
+        return (", ".join([*what, *([self.rule] if self.rule else []), depth]),)
 
     @property
     def description(self) -> str:
@@ -461,7 +489,7 @@ AnyPayload: Any = choice_with(
         "with a moment": table_of(
             Payload,
             name="PayloadWithMoment",
-            without=("magnet", "pieces"),
+            without=("magnet", "pieces", "volume_level"),
             instead={"moment": Key(Positive, "magnitude of the dipole moment", "A_m2")},
             takes=lambda payload: _alone(payload) and payload.magnet is None,
             text="Payload that is only a dipole.",

@@ -16,7 +16,6 @@ from fieldmap.device.cross_checks import cross_findings
 from fieldmap.device.data_sheet import data_sheet
 from fieldmap.device.materials import Curves, Material, SaturatingMaterial, material_of, named_file
 from fieldmap.device.materials.bh_table import BHTableFromFileKeys, require_room_to_saturate
-from fieldmap.device.measured import DEFAULT
 from fieldmap.device.model import Device, hashes_of_files
 from fieldmap.device.schema import DEVICE, MATERIAL, DeviceFile
 from fieldmap.device.shapes import ShapeOfFile
@@ -144,7 +143,7 @@ def read_device(path_or_name: PathLike | Device, changes: Mapping[str, Any] | No
         document = DEVICE.load(DEVICE.find(path_or_name))
     else:
         must_hold = "must be the path or text of a device file, or the name of a shipped device"
-        remedy = f'write for instance read_device("{DEFAULT}")'
+        remedy = 'write for instance read_device("machine.toml")'
         raise DeviceFileError.of("read_device", must_hold, type(path_or_name).__name__, remedy)
     return device_of(document if changes is None else with_changes(document, changes))
 

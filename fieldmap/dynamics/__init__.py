@@ -61,6 +61,7 @@ from fieldmap.dynamics.scenario import (
     run_metrics,
     simulate,
 )
+from fieldmap.dynamics.weight_balance import WeightBalance
 from fieldmap.levitation.lift import lift_shares
 
 __all__ = [
@@ -87,6 +88,7 @@ __all__ = [
     "Schedule",
     "Sensors",
     "Walls",
+    "WeightBalance",
     "angular_momentum",
     "body_of_payload",
     "close_loop",

@@ -74,6 +74,21 @@ class ControlAllocation(ABC):
         """
 
     @abstractmethod
+    def nearest(self, voltages: Array) -> Array:
+        """Outputs whose voltages are nearest to given ones.
+
+        Parameters
+        ----------
+        voltages
+            Voltages (n,), V.
+
+        Returns
+        -------
+        Array
+            Outputs (m,).
+        """
+
+    @abstractmethod
     def numbers(self) -> Allocation:
         """As compiled loops take it."""
 
@@ -105,6 +120,10 @@ class ParametrisedAllocation(Record, ControlAllocation):
     def derivative(self, outputs: Array) -> Array:
         """d voltages / d outputs (n, m)."""
         return self.parametrisation.derivative(outputs)
+
+    def nearest(self, voltages: Array) -> Array:
+        """Outputs (m,): the nearest signals of the parametrisation."""
+        return self.parametrisation.nearest(voltages).values
 
     def numbers(self) -> Allocation:
         """As compiled loops take it."""
@@ -159,6 +178,10 @@ class MatrixAllocation(Record, ControlAllocation):
     def derivative(self, outputs: Array) -> Array:
         """The matrix."""
         return np.asarray(self.matrix, float)
+
+    def nearest(self, voltages: Array) -> Array:
+        """Outputs (m,) by least squares."""
+        return np.asarray(np.linalg.pinv(self.matrix) @ (voltages - self.constant), float)
 
     def numbers(self) -> Allocation:
         """As compiled loops take it."""

@@ -21,6 +21,7 @@ from fieldmap.core.machine import BodyNumbers, Plant
 from fieldmap.field import Field, require_affine, require_bounds
 from fieldmap.lookup import FieldMap, interpolate, saturates, table_of_currents, tangent_block, unit_block
 from fieldmap.lookup.current_solver import COMPILED_TOLERANCE
+from fieldmap.lookup.evaluation import MapReaction, core_of
 from fieldmap.lookup.iron_response import compiled_currents
 from fieldmap.records import Record
 from fieldmap.store import Grid, MapData, Provenance
@@ -40,7 +41,7 @@ class FieldOfCurrents(Record):
     state that solves of the model may leave, in the norm of the energy; constant: whether something that no current
     drives makes a field, too; iron: "linear", "linearised", "table" or "model"; remembered: what iron with hysteresis
     remembers where a run begins, of the C core; empty for other iron; loop: size of the loops, A, whose slopes linear
-    models take (`linearise`), None for slopes of small changes."""
+    models take (`linearise`), None for slopes of small changes; reaction: of the iron to magnets."""
 
     block: Array
     assumptions: tuple[str, ...]
@@ -52,11 +53,12 @@ class FieldOfCurrents(Record):
     iron: str = "linear"
     remembered: Array = field(default_factory=lambda: np.zeros(0))
     loop: float | None = None
+    reaction: MapReaction | None = None
 
     @cached_property
     def map(self) -> CoreMap:
         """The fields as the C core takes them, all of which have weights."""
-        return CoreMap(self.block)
+        return CoreMap(self.block, 3, False, *core_of(self.reaction))
 
     def plant(
         self,
@@ -320,4 +322,5 @@ def _following(
         table,
         constant=bool(field_map.fixed_sources),
         iron=iron,
+        reaction=field_map.reaction,
     )

@@ -9,7 +9,6 @@ import scipy
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check, check_choice, check_count, check_positive, check_signal
-from fieldmap.core import CoreMap
 from fieldmap.core.machine import (
     ANGULAR_VELOCITY,
     INSIDE,
@@ -22,7 +21,7 @@ from fieldmap.core.machine import (
 )
 from fieldmap.dynamics.rigid_body import Drag, Plate, RigidBody, Walls
 from fieldmap.errors import NotConverged
-from fieldmap.lookup import MapAtCurrents, unit_block
+from fieldmap.lookup import MapAtCurrents, core_map
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -232,7 +231,7 @@ def turned(quaternions: Array, vectors: Array) -> Array:
 def _in_field(field: MapAtCurrents, body: BodyNumbers) -> CoreMachine:
     """A body in a field of one set of coefficients, of weight 1, without coils."""
     none = np.zeros((0, 4)), np.zeros((0, 7))
-    return CoreMachine(Plant(CoreMap(unit_block(field)).map, body, np.zeros(3), 1.0, None, 1.0, None, *none))
+    return CoreMachine(Plant(core_map(field).map, body, np.zeros(3), 1.0, None, 1.0, None, *none))
 
 
 def _checked(where: str, state: ArrayLike) -> Array:

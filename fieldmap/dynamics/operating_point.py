@@ -43,7 +43,11 @@ class OperatingPoint(Record):
 
 
 def find_operating_point(
-    machine: Machine, sensed: ArrayLike, outputs: ArrayLike, guess: ArrayLike = (0.0, 0.0, 0.0)
+    machine: Machine,
+    sensed: ArrayLike,
+    outputs: ArrayLike,
+    guess: ArrayLike = (0.0, 0.0, 0.0),
+    near: ArrayLike = (0.0, 0.0, 0.0),
 ) -> OperatingPoint:
     """The state in equilibrium with a given sensed point and given outputs, free where they are NaN.
 
@@ -59,8 +63,8 @@ def find_operating_point(
         (3,), m.
     outputs
         (m,).
-    guess
-        Outputs where the search begins (m,), for those that are free.
+    guess, near
+        Outputs (m,) and sensed point (3,), m, where the search begins, of what is free.
 
     Returns
     -------
@@ -77,6 +81,7 @@ def find_operating_point(
     """
     place, given = np.array(sensed, float), np.array(outputs, float)
     check_signal("find_operating_point(guess)", guess)
+    begin = check_signal("find_operating_point(near)", near, columns=3)
     start = np.where(np.isnan(given), np.broadcast_to(np.asarray(guess, float), given.shape), given)
     free_place, free_output = np.isnan(place), np.isnan(given)
     count, must = int(free_place.sum() + free_output.sum()), "must leave three numbers free in all"
@@ -108,12 +113,12 @@ def find_operating_point(
             return np.full(len(unknown), 10.0 + float(np.abs(unknown).sum()))
         return np.concatenate([load[:3] / weight, load[3:5] / (weight * _LEVER)])[: len(unknown)]
 
-    # From the middle of the axis, upright, at the guessed outputs and some beside them.
+    # From near the place, upright, at the guessed outputs and some beside them.
     lift, *others = start[free_output]
     best = None
     for share, *aside in product((1.0, 0.8, 1.25), *[_ASIDE] * len(others)):
         upright = np.zeros(0 if body.upright else 2)
-        first = np.concatenate([np.zeros(free), [share * lift], np.add(others, aside), upright])
+        first = np.concatenate([begin[free_place] / _MILLI, [share * lift], np.add(others, aside), upright])
         found = scipy.optimize.root(residual, first, method="hybr", tol=1e-12)
         if best is None or np.abs(found.fun).max() < np.abs(best.fun).max():
             best = found
@@ -123,7 +128,7 @@ def find_operating_point(
     worst = float(np.abs(best.fun).max())
     if not (worst < _ACCURACY or (worst < _STEP and is_step(residual, best.x))):
         must, received = "forces and torques must balance", f"{worst:.1e} of the weight left over at best"
-        remedy = "begin elsewhere in the map, free another signal, or check the scale of the field"
+        remedy = "begin elsewhere in the map, or free another signal"
         raise NoEquilibrium.of("find_operating_point", must, received, remedy)
     state, currents, found_outputs = parts(best.x)
     seen = sensed_point(state, body.seen_at)

@@ -346,7 +346,7 @@ def body_of_payload(
     inertia, notes = _inertia(payload, r, h, own_size=radius is None)
     if upright:
         notes = ("the body stays upright: it does not turn",)
-    carried, shift = magnetic_body(payload) if magnet is None else magnet, -centre_of_mass
+    carried, shift = magnetic_body(payload, 1) if magnet is None else magnet, -centre_of_mass
     return RigidBody(
         payload.mass,
         inertia,

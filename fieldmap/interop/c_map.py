@@ -50,15 +50,17 @@ from fieldmap.field import require_affine
 from fieldmap.interpolants import INTERPOLANTS
 from fieldmap.lookup import FieldMap, MapAtCurrents, compiled_currents, unit_block
 from fieldmap.lookup.current_model import STEP_TOLERANCE
+from fieldmap.lookup.evaluation import MapReaction
 from fieldmap.store.output_formats import output_problems
 from fieldmap.store.whole_files import write_whole
 from fieldmap.typing import PathLike
 
-VERSION, WITH_CONSTANT = 1, 2
+VERSION, WITH_CONSTANT, WITH_REACTION = 1, 2, 3
 _IRON, _WITH_MEMORY = 1, 2
 _MOST_CONSTANTS = 1_000_000
-# Where the block, whose checksum the file has, says what the version says.
-_CONSTANT = 18
+# Where the block, whose checksum the file has, says what the version says: whether there is a constant field, and how
+# many fields of the iron's reaction to magnets lie behind its own, of which the last so many count negatively.
+_CONSTANT, _REACTING, _REPELLED = 18, 19, 20
 
 
 def c_header() -> Path:
@@ -97,7 +99,7 @@ def write_c_map(field: FieldMap | MapAtCurrents, path: PathLike) -> Path:
     """
     block, names, constant = _contents(field)
     check_harmonic(block, "write_c_map, field")
-    return write_whole(path, map_bytes(block, names, constant), "map for C")
+    return write_whole(path, map_bytes(block, names, constant, field.reaction), "map for C")
 
 
 def _contents(field: FieldMap | MapAtCurrents) -> tuple[NDArray[np.float64], tuple[str, ...], bool]:
@@ -184,7 +186,7 @@ def write_c_iron_map(field: FieldMap, path: PathLike) -> Path:
     names = (*field.coil_names, *(f"iron {k + 1}" for k in range(len(model.output))))
     names += ("background",) if model.fixed.size else ()
     numbers = core_numbers(model)
-    behind = map_bytes(block, names, constant=False)
+    behind = map_bytes(block, names, False, field.reaction)
     content = struct.pack("=IQ", len(remembered), len(numbers)) + numbers.tobytes() + remembered.tobytes()
     version = _WITH_MEMORY if field.remembers else _IRON
     return write_whole(path, sealed(b"fmapiron", version, content + behind), "map for C")
@@ -317,13 +319,22 @@ def check_harmonic(block: NDArray[np.float64], where: str) -> None:
         raise InputError.of(where, f"must be harmonic polynomials: {readable}", received, "open the map so")
 
 
-def map_bytes(block: NDArray[np.float64], names: tuple[str, ...], constant: bool) -> bytes:
-    """The file of a block whose sets have these names; constant: whether one more has the weight 1 at any currents."""
+def map_bytes(
+    block: NDArray[np.float64],
+    names: tuple[str, ...],
+    constant: bool,
+    reaction: MapReaction | None = None,
+) -> bytes:
+    """The file of a block whose sets have these names; constant: whether one more has the weight 1 at any currents;
+    reaction: of the iron to magnets."""
     block = block.copy()
     block[_CONSTANT] = float(constant)
+    if reaction is not None:
+        block[_REACTING], block[_REPELLED] = reaction.core.sets, reaction.repelled
+        block = np.concatenate([block, reaction.core.block[map_block.HEADER :]])
     text = b"".join(name.encode() + b"\0" for name in names)
     text += bytes(-len(text) % 8)
-    version = WITH_CONSTANT if constant else VERSION
+    version = WITH_REACTION if reaction is not None else WITH_CONSTANT if constant else VERSION
     return sealed(b"fieldmap", version, struct.pack("=IQ", len(text), len(block)) + text + block.tobytes())
 
 

@@ -19,10 +19,9 @@ from numpy.typing import ArrayLike
 
 from fieldmap import dynamics
 from fieldmap.arguments import check_choice, check_not_negative, check_positive, check_signal
-from fieldmap.core import CoreMap
 from fieldmap.core.machine import INSIDE, CoreMachine
 from fieldmap.currents import IndependentCurrents
-from fieldmap.dynamics import CoilDrive, Drag, RigidBody, linearised
+from fieldmap.dynamics import CoilDrive, Drag, RigidBody, WeightBalance, linearised
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.extras import require
 from fieldmap.field import as_field
@@ -57,6 +56,7 @@ _PERIOD = 2e-3
 _RING, _ABOVE, _LOOP, _TURNS = 0.044, 0.026, 0.016, 1e4
 _MASS, _RADIUS, _HEIGHT, _MOMENT = 0.01119, 0.008, 0.02, 0.8
 _TARGET = (0.0, 0.0, -0.09)
+_AIR = Drag(linear=(1e-3,) * 3, turning=(1e-8,) * 3)
 
 
 class LevitationEnv(Env):
@@ -83,8 +83,9 @@ class LevitationEnv(Env):
     "table" of it over a division, or "linearised" about the currents at rest, right near them only. span: unless given,
     the largest current at rest, 1 of the ranges, or 0.5 of the weight. period, step: s, as of
     `fieldmap.dynamics.Schedule`. noise: standard deviations (3,), m. drive: of the coils; currents follow at once
-    unless given. drag: a little air unless given. Raises FieldmapError without Gymnasium, InputError for arguments that
-    do not fit, Infeasible where no currents carry the body.
+    unless given. drag: none unless given, a little air in the made-up rig. Raises FieldmapError without Gymnasium,
+    InputError for arguments that do not fit, Infeasible where currents within the limits of the drive do not carry the
+    body.
 
     >>> env = gymnasium.make("fieldmap/Levitation-v0", action="signals")                  # doctest: +SKIP
     """
@@ -116,6 +117,8 @@ class LevitationEnv(Env):
         check_positive("LevitationEnv", period=period, step=step, limit=limit)
         check_not_negative("LevitationEnv", start=start, tilt=tilt)
         self.render_mode = render_mode
+        if field is None and drag is None:
+            drag = _AIR
         field, body, target = _rig(field, body, target)
         self.target = np.array(check_signal("LevitationEnv(target)", target, columns=3))
         self._noise = np.array(check_signal("LevitationEnv(noise)", noise, columns=3))
@@ -123,25 +126,20 @@ class LevitationEnv(Env):
         self._steps = max(round(period / step), 1)
         self._step = self.period / self._steps
         self._start, self._tilt, self._limit = float(start), float(tilt), float(limit)
-        weight = np.array([0.0, 0.0, body.mass * body.gravity])
-        moment = body.magnet.moments.sum(axis=0)
-        place = self.target + body.magnet_at
-        self.rest = np.asarray(field.currents_for(place, force=weight, moment=moment))
-        n = len(self.rest)
-        self._known = linearised(field, self.rest) if iron == "linearised" else IRON[iron](field)
+        n, place = len(field.coil_names), self.target + body.magnet_at
         drive = CoilDrive(Amplifier(1.0, -1e9, 1e9), n) if drive is None else drive
+        balance = WeightBalance(field, body, drive.steady)
+        self.rest = balance.currents(place)
+        self._known = linearised(field, self.rest) if iron == "linearised" else IRON[iron](field)
         self._changed, slopes, reach, widest = _variables(field, self.rest)
         self._from_action = reach * (widest if span is None else float(span))
         if action == "signals":
             share = 0.5 if span is None else float(span)
             # The least changes that make 1 N along each axis.
-            by_reach = (
-                _force_per_ampere(linearised(field, self.rest).block, place, moment, n) @ slopes @ reach
-            )
-            self._from_action = share * weight[2] * (reach @ np.linalg.pinv(by_reach))
+            by_reach = balance.force_per_ampere(place, self.rest) @ slopes @ reach
+            self._from_action = share * balance.weight * (reach @ np.linalg.pinv(by_reach))
         self._limits = drive.steady
-        air = Drag(linear=(1e-3,) * 3, turning=(1e-8,) * 3) if drag is None else drag
-        self._parts = body.numbers(air), body.seen_at, drive.numbers(self._step), drive.drives
+        self._parts = body.numbers(drag), body.seen_at, drive.numbers(self._step), drive.drives
         self._begin()
         self._state, self._currents, self._load = np.empty(13), np.empty(n), np.empty(6)
         self.action_space = _gymnasium.spaces.Box(-1.0, 1.0, (self._from_action.shape[1],), np.float64)
@@ -257,14 +255,6 @@ def _variables(field: FieldMap, rest: Array) -> tuple[Callable[[Array], Array], 
         return made.currents(np.minimum(np.maximum(signals + change, lower), upper))
 
     return currents, made.derivative(signals), np.diag(0.5 * (upper - lower)), 1.0
-
-
-def _force_per_ampere(block: Array, place: Array, moment: Array, n: int) -> Array:
-    """(3, n), N/A, of an upright magnet at a place of the map."""
-    core = CoreMap(block)
-    flux, slope = np.empty((1, core.sets, 3)), np.empty((1, core.sets, 3, 3))
-    core.each_field(np.ascontiguousarray(place[None]), flux, slope)
-    return np.asarray((moment @ slope[0, :n]).T)
 
 
 def _rig(

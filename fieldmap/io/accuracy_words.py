@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from fieldmap.constants import GRAVITY
 from fieldmap.curves import percent
-from fieldmap.io.map_summary import ErrorShares, MapSummary
+from fieldmap.device.model import Payload
+from fieldmap.io.map_summary import ErrorShares, MapSummary, ReactionOfMap
 from fieldmap.store import FieldError
 from fieldmap.store.stated_accuracy import GRADIENT, HELD_OUT
 
@@ -44,6 +46,22 @@ def accuracy_words(summary: MapSummary) -> Iterator[tuple[str, str]]:
     yield "interpolation", _interpolation(summary)
     if summary.domain is not None:
         yield "current model", _current_model(summary)
+    if summary.reaction is not None:
+        yield "reaction", _reaction(summary.reaction, summary.payload)
+
+
+def _reaction(of: ReactionOfMap, payload: Payload | None) -> str:
+    """The iron's reaction to magnets, and what it does to the payload."""
+    changed = f", changed by up to {100 * of.change:.2g} % at the largest currents" if of.change else ""
+    lines = [f"of the iron to magnets: {of.fields} fields, largest error {100 * of.error:.2g} %{changed}"]
+    if of.pull is not None and of.at is not None and payload is not None:
+        times = of.pull / (payload.mass * GRAVITY)
+        drawn = f"{100 * times:.3g} % of" if times < 10 else f"{times:.3g} times"
+        place = ", ".join(f"{1e3 * x:.4g}" for x in of.at)
+        lines.append(
+            f"with all coils off it draws the payload with up to {drawn} its weight, at ({place}) mm"
+        )
+    return "\n".join(lines)
 
 
 def _interpolation(summary: MapSummary) -> str:

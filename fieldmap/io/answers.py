@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.constants import GRAVITY
-from fieldmap.device.measured import MeasuredMachine, measured_machine, measured_on
+from fieldmap.device.measured import MeasuredMachine, measured_on
 from fieldmap.device.model import Payload
 from fieldmap.device.payload import moment_held
 from fieldmap.errors import InputError
@@ -252,20 +252,17 @@ class Levitation(Record):
         return measured_on(self.source.device_name, len(self.source.coil_names))
 
     @property
-    def reading_mm(self) -> float:
-        """What the machine's vertical sensor reads, mm; in the frame of the default machine for any other."""
-        frame = self.machine or measured_machine()
-        return frame.reading_mm(float(self.found.position[2]), self.payload.magnet_offset)
-
-    @property
-    def has_sensor(self) -> bool:
-        """Whether the reading means something: the machine has a sensor, or the payload says what it reads."""
-        return self.payload.magnet_offset != 0 or self.machine is not None
+    def reading_mm(self) -> float | None:
+        """What the machine's vertical sensor reads, mm; None for a machine whose sensor nobody measured."""
+        if self.machine is None:
+            return None
+        return self.machine.reading_mm(float(self.found.position[2]), self.payload.magnet_offset)
 
     @property
     def measured_current(self) -> float | None:
         """The current in each coil, A, that was measured at this reading; None for other machines."""
-        return None if self.machine is None else self.machine.lift_current(self.reading_mm)
+        reading = self.reading_mm
+        return None if self.machine is None or reading is None else self.machine.lift_current(reading)
 
     @property
     def current_limit(self) -> float | None:
@@ -286,7 +283,6 @@ class Levitation(Record):
             kind=self.source.kind,
             coil_names=self.source.coil_names,
             sensor_mm=self.reading_mm,
-            has_sensor=self.has_sensor,
             mass=self.payload.mass,
             weight=self.payload.mass * GRAVITY,
             moment_magnitude=self.payload.moment,

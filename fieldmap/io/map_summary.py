@@ -15,10 +15,11 @@ from fieldmap.currents import CurrentDomain
 from fieldmap.device import recorded_device
 from fieldmap.device.measured import MeasuredMachine, measured_on
 from fieldmap.device.model import Device, Payload
-from fieldmap.errors import MissingExtraError, OutsideMapError
+from fieldmap.errors import InputError, MissingExtraError, OutsideMapError
 from fieldmap.io.field_source import existing_map
 from fieldmap.lookup import FieldMap, open_map
 from fieldmap.plain import Plain, plain_fields, plain_items
+from fieldmap.reaction import own_reaction
 from fieldmap.records import Record
 from fieldmap.store import FieldError, MapInfo, MissedAccuracy, missed_accuracy
 from fieldmap.typing import Array, PathLike
@@ -30,6 +31,9 @@ NO_SATURATION = (
     'This map is linear: no saturation. A recipe with iron.model = "saturating" makes a map over currents with '
     "saturation (docs/recipes.md)."
 )
+
+# Nodes along each edge of the box at which the pull of the iron's reaction is looked at.
+_LATTICE = 9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -92,10 +96,28 @@ class MapAccuracy(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class ReactionOfMap(Record):
+    """The iron's reaction to magnets in a map.
+
+    fields: that span it; error: of their number; asymmetry: of the solver's reciprocity, a measure of its mesh; change:
+    of the reaction of saturating iron at the largest currents. pull: largest force on the payload's moment, upright,
+    with all coils off, at nodes of a coarse lattice in the box, N, and its place `at` (3,), m; None without a payload
+    of a moment."""
+
+    fields: int
+    error: float
+    asymmetry: float
+    change: float
+    pull: float | None = None
+    at: Array | None = None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class MapSummary(Record):
     """What `fieldmap info` prints. size: of the file, bytes; lift_source: where measured lift currents are printed;
     force_fit and shifts: beside what was measured on the machine, if anything was. lift_missing: why the currents that
-    lift the payload were not computed; empty where they were, or there is no payload."""
+    lift the payload were not computed; empty where they were, or there is no payload. reaction: of the iron to magnets;
+    None where the map does not hold it."""
 
     path: Path
     size: int
@@ -107,6 +129,18 @@ class MapSummary(Record):
     force_fit: ForceFit | None = None
     shifts: tuple[ShiftBesideMeasured, ...] = ()
     lift_missing: str = ""
+    reaction: ReactionOfMap | None = None
+
+    @property
+    def lift_assumptions(self) -> tuple[str, ...]:
+        """How far off the currents that lift the payload are for what stands for its magnets, if it has shapes."""
+        if self.payload is None or not self.payload.sized or not self.lift:
+            return ()
+        from fieldmap.levitation.balance import model_of, rule_stated
+
+        errors = [row.volume_error for row in self.lift if row.volume_error is not None]
+        largest = float(np.max(errors)) if errors else np.nan
+        return rule_stated(self.payload, model_of(self.payload), largest, "A of the lift currents")
 
     @property
     def payload(self) -> Payload | None:
@@ -192,7 +226,9 @@ class MapSummary(Record):
             force_fit=self.force_fit,
             shifts=self.shifts,
             lift_missing=self.lift_missing,
+            lift_assumptions=self.lift_assumptions,
             saturation=self.saturation,
+            reaction=self.reaction,
         )
 
     def _domain_items(self) -> dict[str, object] | None:
@@ -258,6 +294,7 @@ def summarise_map(path: PathLike) -> MapSummary:
         middle=middle_field(opened),
         lift=(),
         lift_source="" if machine is None else machine.lift_source,
+        reaction=_reaction(opened, payload),
     )
     return summary if payload is None else _with_lift(summary, opened, payload, machine)
 
@@ -272,11 +309,33 @@ def _with_lift(
         (problem,) = error.problems
         return replace(summary, lift_missing=f"{problem.must_hold}: {problem.remedy}")
     domain = summary.domain
-    lift = lift_by_height(opened, payload, machine, domain.largest_equal_current() if domain else None)
+    try:
+        lift = lift_by_height(opened, payload, machine, domain.largest_equal_current() if domain else None)
+    except InputError as error:
+        (problem,) = error.problems
+        return replace(summary, lift_missing=f"{problem.must_hold}; {problem.received}: {problem.remedy}")
     shifts: tuple[ShiftBesideMeasured, ...] = ()
     if machine is not None and domain is not None:
         shifts = shifts_beside_measured(opened, payload, machine, domain.parametrisation)
     return replace(summary, lift=lift, force_fit=fit_force(opened, payload, lift), shifts=shifts)
+
+
+def _reaction(opened: FieldMap, payload: Payload | None) -> ReactionOfMap | None:
+    """What the map tells of its reaction, and the largest pull on the payload's moment."""
+    told = opened.info.provenance.solver_report.get("reaction")
+    if opened.reaction is None or told is None:
+        return None
+    known = {name: told[name] for name in ("fields", "error", "asymmetry", "change")}
+    if payload is None or not payload.moment:
+        return ReactionOfMap(**known)
+    shares = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, _LATTICE)] * 3, indexing="ij"), axis=-1).reshape(
+        -1, 3
+    )
+    points = opened.lower + shares * (opened.upper - opened.lower)
+    _, slope = own_reaction(opened.reaction, points, np.array([0.0, 0.0, payload.moment]))
+    pull = payload.moment * np.linalg.norm(slope[:, 2], axis=1)
+    largest = int(pull.argmax())
+    return ReactionOfMap(**known, pull=float(pull[largest]), at=points[largest])
 
 
 def middle_field(opened: FieldMap) -> MiddleField:

@@ -1,5 +1,5 @@
-"""The force balance of a levitated magnet: an upright dipole, a dipole along the field, a rigid magnet, or an upright
-body of several magnets and soft iron.
+"""The force balance of a levitated magnet: an upright dipole, a dipole along the field, a magnet of finite size that
+turns, or an upright body of magnets and soft iron.
 
 docs/theory/equilibrium.md. SI units, frame of the field.
 """
@@ -7,6 +7,7 @@ docs/theory/equilibrium.md. SI units, frame of the field.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any, Literal
 
@@ -16,27 +17,27 @@ from fieldmap.arguments import check, check_choice
 from fieldmap.constants import GRAVITY
 from fieldmap.device.model import Payload
 from fieldmap.device.payload import moment_held
-from fieldmap.errors import InputError, NotConverged
+from fieldmap.errors import InputError, NotConverged, OutsideMapError
 from fieldmap.field import AnyField, Bounds, Field, as_field, require_bounds
 from fieldmap.levitation.places import box_of_centres, search_grid
-from fieldmap.lookup.finite_magnet import FiniteMagnet, volume_rule
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.lookup.payload import magnetic_body
 from fieldmap.typing import Array
 
 MagnetModel = Literal["fixed", "aligned", "rigid", "rigid upright"]
 MODELS = ("fixed", "aligned", "rigid", "rigid upright")
-RULE = 3
-"""Level of the volume rule of a rigid magnet: exact for fields of degree 5 across it."""
-UPRIGHT = 1e6
-"""Lever, m, beyond which weight holds a magnet upright against any field."""
 CURRENT_STEP = 0.01
 """Change of a current, as a share of the largest one, over which a force is differenced unless another is asked for."""
 _TORQUE = 1e-8
 """Largest torque left, over moment times field; less is noise where a map jumps between its cells."""
 _TURNS = 60
+_STEPS = 20
+_CLOSE = 1e-10
+"""Steps towards a place of balance by a finer rule, and one that is short, m."""
+_RIGID = 3
+"""Least level of the volume rule of a magnet that is rigid by name."""
 _HELD = {
-    "fixed": "the magnet is a point dipole that keeps its vertical direction",
+    "fixed": "the magnet keeps its vertical direction",
     "aligned": "the magnet is a point dipole that stays parallel to the local field",
     "rigid": "the magnet is rigid and of finite size, and turns about its centre until no torque is left",
     "rigid upright": "the magnet is rigid, of finite size, and stays upright",
@@ -71,9 +72,10 @@ def dipole_force(moment: Array, gradient: Array) -> Array:
 
 
 def upright_force(field: AnyField, currents: Any, payload: Payload, points: Array) -> Array:
-    """Force (n, 3), N, on a payload centred at points (n, 3) that does not turn: its pieces, or its dipole."""
+    """Force (n, 3), N, on a payload centred at points (n, 3) that does not turn: its pieces, or its dipole. Each magnet
+    is a point dipole, so that it may stand at the edge of a map."""
     if payload.pieces:
-        return magnetic_body(payload).wrench(field, points, currents)[:, :3]
+        return magnetic_body(payload, 1).wrench(field, points, currents)[:, :3]
     return dipole_force(payload.moment_vector, as_field(field).gradient(points, currents))
 
 
@@ -116,7 +118,8 @@ class MagnetBalance(ABC):
     """Magnetic force and weight of a magnet in a field at fixed currents (n_coils,), A, whatever its model.
 
     magnitude: of the moment, or the largest sum of moments, by their magnitudes, met so far, A m^2. `evaluations`
-    counts places of the magnet.
+    counts places of the magnet. finer: the same magnets by a finer volume rule; None where the rule is exact, or no
+    shape is known.
     """
 
     source: Field
@@ -125,6 +128,7 @@ class MagnetBalance(ABC):
     magnitude: float
     _: KW_ONLY
     evaluations: int = 0
+    finer: MagneticBody | None = None
 
     @property
     def weight(self) -> float:
@@ -158,6 +162,50 @@ class MagnetBalance(ABC):
     @abstractmethod
     def stiffness(self, position: Array) -> Array:
         """-dF/dx (3, 3) at one position (3,), N/m."""
+
+    def orientations(self, points: Array) -> Array:
+        """Rotations (n, 3, 3) of the magnet with its centre at points (n, 3): columns its axes."""
+        moments = self.moments(points)
+        size = np.linalg.norm(moments, axis=1, keepdims=True)
+        return _frames(np.where(size > 0.0, moments / np.where(size > 0.0, size, 1.0), [0.0, 0.0, 1.0]))
+
+    def rule_error(self, point: Array) -> Array:
+        """By how much a finer volume rule of the magnets changes the force at a point (3,).
+
+        Returns
+        -------
+        Array
+            (3,), N; zero where the rule is exact or no shape is known, NaN where the finer rule leaves the field.
+        """
+        if self.finer is None:
+            return np.zeros(3)
+        at = point[None, :]
+        try:
+            wrench = self.finer.wrench(self.source, at, self.currents, self.orientations(at))
+        except OutsideMapError:
+            return np.full(3, np.nan)
+        return np.asarray(wrench[0, :3] - self.magnetic_force(at)[0])
+
+    def place_error(self, position: Array) -> float:
+        """How far a place of balance (3,) moves with a finer volume rule of the magnets, m; 0 and NaN as for
+        `rule_error`, NaN too where it does not settle within a few steps."""
+        place, step = position, np.full(3, np.nan)
+        if self.finer is None:
+            return 0.0
+        for _ in range(_STEPS):
+            try:
+                unbalanced = self.residual(place[None, :])[0] + self.rule_error(place)
+                stiffness = self.stiffness(place)
+            except OutsideMapError:
+                break
+            if np.isnan(unbalanced).any():
+                break
+            step = np.linalg.lstsq(stiffness, unbalanced)[0]
+            place = place + step
+            moved = float(np.linalg.norm(place - position))
+            if np.linalg.norm(step) <= 0.05 * moved + _CLOSE:
+                return moved
+        return float("nan")
 
     def residual(self, points: Array) -> Array:
         """Magnetic force plus weight (n, 3), N."""
@@ -193,6 +241,13 @@ class MagnetBalance(ABC):
             looped = self.source.after_loop(self.currents, swing)
             slopes.append((force(looped, swing) - force(looped, -swing)) / (2.0 * step))
         return np.column_stack(slopes)
+
+    def force_per_current(self, position: Array) -> Array:
+        """Force per ampere in each coil (3, n_coils), N/A, with the magnet's centre at a position (3,), m, by central
+        differences of 1 % of the largest current."""
+        count = len(self.currents)
+        step = CURRENT_STEP * (float(np.abs(self.currents).max()) or 1.0)
+        return self.force_per_signal(position, np.eye(count), np.full(count, step))
 
 
 @dataclass(eq=False)
@@ -235,7 +290,7 @@ class RigidBalance(MagnetBalance):
     for the stiffness, m.
     """
 
-    magnet: FiniteMagnet
+    magnet: MagneticBody
     lever: float = 0.0
     sign: float = 1.0
     step: float = 2e-4
@@ -295,8 +350,12 @@ class BodyBalance(MagnetBalance):
 
     @property
     def arms(self) -> Array:
-        """Middles (n, 3) of the magnets and of the soft pieces, from the centre, m."""
+        """Points (n, 3) of the magnets' volume rules and middles of the soft pieces, from the centre, m."""
         return self.body.all_points @ self.orientation.T
+
+    def orientations(self, points: Array) -> Array:
+        """The one of the body (n, 3, 3)."""
+        return np.broadcast_to(self.orientation, (len(points), 3, 3))
 
     def moments(self, points: Array) -> Array:
         """Moment (n, 3) of the whole body with its centre at points (n, 3), A m^2."""
@@ -319,13 +378,25 @@ class BodyBalance(MagnetBalance):
 
 
 def body_balance(field: Field, currents: Array, payload: Payload, near: Array | None) -> BodyBalance:
-    """The balance of a payload of pieces, upright. Its largest moment is sought at those points near (n, 3) at which it
-    lies in the field's box; where there are none, all over the box."""
+    """The balance of a magnet of finite size, which points as the payload says, or of upright pieces. The largest
+    moment of soft iron is sought at those points near (n, 3) at which it lies in the field's box; where there are none,
+    all over the box."""
     body = magnetic_body(payload)
     fixed = float(np.linalg.norm(body.moments, axis=1).sum())
-    upright = BodyBalance(field, currents, payload.mass, fixed, body, np.eye(3))
+    upright = BodyBalance(field, currents, payload.mass, fixed, body, np.eye(3), finer=_finer(payload))
     upright.moments(_inside(upright.box, near))
     return upright
+
+
+def coarse_balance(balance: MagnetBalance, payload: Payload) -> MagnetBalance:
+    """The same with a point dipole for each magnet of an upright body, which is enough to choose among many places."""
+    return replace(balance, body=magnetic_body(payload, 1)) if isinstance(balance, BodyBalance) else balance
+
+
+def _finer(payload: Payload) -> MagneticBody | None:
+    """The body by a finer volume rule; None where there is no better one."""
+    # One level up, a cylinder may have the same radii.
+    return magnetic_body(payload, payload.volume_level + 2) if payload.sized else None
 
 
 def _inside(box: Bounds, near: Array | None) -> Array:
@@ -361,7 +432,7 @@ def magnet_balance(
 ) -> MagnetBalance:
     """The force balance of a payload's magnet, which points as the payload says, or begins so.
 
-    A payload of pieces stays upright.
+    A payload of pieces stays upright. The payload's `volume_level` says how the field is integrated over its magnets.
 
     Parameters
     ----------
@@ -375,9 +446,9 @@ def magnet_balance(
         Point (3,), m, or several (n, 3), near which the largest moment of soft iron is sought; None for the whole
         box.
     moment
-        "fixed", a dipole that stays vertical; "aligned", one that follows B; "rigid", the payload's magnet
-        itself, integrated over its volume and turned until torque vanishes; "rigid upright", the same without
-        turning. Unless given, "aligned" for a payload that states turning = "free", "fixed" for any other.
+        "fixed", a magnet that stays vertical; "aligned", a point dipole that follows B; "rigid", the payload's
+        magnet, of finite size whatever its level, turned until torque vanishes; "rigid upright", the same
+        without turning. Unless given, "aligned" for a payload that states turning = "free", "fixed" for any other.
     lever
         Of the body's centre of mass below the magnet's centre, m, for "rigid".
 
@@ -396,20 +467,22 @@ def magnet_balance(
     points = None if near is None else np.asarray(near, dtype=float).reshape(-1, 3)
     if payload.pieces:
         refuse_models_of_pieces("magnet_balance(moment)", moment)
-        return body_balance(field, currents, payload, points)
-    if moment == "aligned":
-        return Balance(field, currents, payload.mass, payload.moment, None)
-    held = payload.moment_vector
-    if moment == "fixed":
-        return Balance(field, currents, payload.mass, payload.moment, held)
-    if payload.magnet is None:
+    elif moment in ("rigid", "rigid upright") and payload.magnet is None:
         must = "must have a magnet: its shape, size and remanence"
         raise InputError.of("payload.magnet", must, "None", "add [payload.magnet], or choose moment='fixed'")
-    turning = UPRIGHT if moment == "rigid upright" else lever
-    magnet = volume_rule(payload.magnet, RULE)
-    return RigidBalance(
-        field, currents, payload.mass, payload.moment, magnet, turning, float(np.sign(held[2]))
-    )
+    payload = modelled(payload, moment)
+    # Frames of models that turn have the moment along their third axis.
+    upward = replace(payload, direction="up")
+    finer = _finer(upward)
+    if moment == "aligned":
+        return Balance(field, currents, payload.mass, payload.moment, None, finer=finer)
+    if moment != "rigid" and (payload.extended or moment == "rigid upright"):
+        return body_balance(field, currents, payload, points)
+    held = payload.moment_vector
+    if moment == "fixed":
+        return Balance(field, currents, payload.mass, payload.moment, held, finer=finer)
+    about = (magnetic_body(upward), lever, float(np.sign(held[2])))
+    return RigidBalance(field, currents, payload.mass, payload.moment, *about, finer=finer)
 
 
 def held_at(balance: MagnetBalance, payload: Payload, position: Array) -> tuple[str, tuple[str, ...]]:
@@ -426,6 +499,45 @@ def held_at(balance: MagnetBalance, payload: Payload, position: Array) -> tuple[
 def model_of(payload: Payload) -> MagnetModel:
     """The model of a payload's magnet unless another is asked for: it follows the field if it may turn."""
     return "aligned" if payload.turning == "free" else "fixed"
+
+
+def modelled(payload: Payload, moment: MagnetModel) -> Payload:
+    """The payload with the volume level that a model of the magnet takes."""
+    levels = {"fixed": payload.volume_level, "aligned": 1}
+    return replace(payload, volume_level=levels.get(moment, max(payload.volume_level, _RIGID)))
+
+
+def rule_stated(payload: Payload, moment: MagnetModel, error: float, of: str) -> tuple[str, ...]:
+    """What stands for the magnets in a model, and about how far off a result is by a finer rule.
+
+    Parameters
+    ----------
+    payload
+        What is levitated.
+    moment
+        As for `magnet_balance`.
+    error
+        Of the result, in the unit that `of` begins with; NaN where it is not known.
+    of
+        Unit and name of the result.
+
+    Returns
+    -------
+    tuple[str, ...]
+        One assumption; none of a payload without magnets.
+    """
+    taken = modelled(payload, moment)
+    if not taken.rule:
+        return ()
+    known = "not known" if np.isnan(error) else f"about {error:.2g} {of}"
+    return (f"magnets: {taken.rule}" + (f", error {known}" if taken.sized else ""),)
+
+
+def force_stated(payload: Payload, moment: MagnetModel, errors: Iterable[float]) -> tuple[str, ...]:
+    """The same of the largest of several errors of the force, N."""
+    found = list(errors)
+    share = 100.0 * np.max(found) / (payload.mass * GRAVITY) if found else np.nan
+    return rule_stated(payload, moment, float(share), "% of the weight")
 
 
 def refuse_models_of_pieces(where: str, moment: str) -> None:

@@ -18,11 +18,12 @@ from fieldmap.levitation.balance import (
     CURRENT_STEP,
     MagnetBalance,
     MagnetModel,
+    force_stated,
     magnet_balance,
     model_assumptions,
 )
 from fieldmap.levitation.continuation import Fold, follow_branch
-from fieldmap.levitation.places import check_position
+from fieldmap.levitation.places import check_centre, check_point, check_position
 from fieldmap.levitation.stationary import StationaryPoint, describe
 from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record
@@ -142,15 +143,19 @@ def follow_equilibrium(
     pairs = zip(followed.parameters, levels, strict=True)
     heights = [path(float(parameter), float(u))[1] for parameter, u in pairs]
     reached = zip(followed.at_stops, targets, strict=False)
+    points = tuple(describe(*along.at(q, float(parameter))) for q, parameter in reached)
     return EquilibriumBranch(
         followed.parameters,
         np.column_stack([followed.unknowns[:, :2], heights]),
         levels,
-        tuple(describe(*along.at(q, float(parameter))) for q, parameter in reached),
+        points,
         np.array([along.level_of(q) for q in followed.at_stops]),
         followed.folds,
         followed.ended,
-        model_assumptions(moment, lever),
+        (
+            *force_stated(along.payload, moment, (point.volume_error for point in points)),
+            *model_assumptions(moment, lever),
+        ),
     )
 
 
@@ -233,15 +238,16 @@ def _begin(
     moment: MagnetModel,
     lever: float,
 ) -> tuple[_Along, Array, Bounds]:
-    """The balance along a path, the unknowns (2,) or (3,) at its start, and the corners (2,) of the field's box."""
-    carried = check_payload(payload, where)
+    """The balance along a path, the unknowns (2,) or (3,) at its start, and the corners (2,) of the box of centres."""
+    carried = check_payload(payload, where, pieces=True)
     check_positive(where, level=level, field_scale=field_scale)
     begin, source = np.asarray(start, dtype=float), as_field(field)
     currents, height = path(parameter, level)
-    low, high = require_bounds(source)
-    near = check_position((low, high), np.append(begin, height), f"{where}(start)")
+    near = check_point(np.append(begin, height), f"{where}(start)")
     balance = magnet_balance(source, np.asarray(currents, dtype=float), carried, near, moment, lever)
-    along = _Along(balance, path, level, hold_height, field_scale)
+    low, high = balance.box
+    check_position((low, high), near, f"{where}(start)")
+    along = _Along(carried, balance, path, level, hold_height, field_scale)
     return along, np.append(begin, level) if hold_height else begin.copy(), (low[:2], high[:2])
 
 
@@ -264,6 +270,7 @@ def _square(along: _Along, q: Array) -> Array:
 class _Along:
     """The horizontal force (and the lift) over the weight, along a path."""
 
+    payload: Payload
     balance: MagnetBalance
     path: Path
     level: float
@@ -301,6 +308,7 @@ class Sensitivity(Record):
     current does, but for the vertical controller's own answer. with_lift_held (2, n_coils), m/A: the same where all
     currents are scaled besides so that the lift stays what it was: what remains once the controller has answered.
     level_per_current (n_coils,): by how much that scales them, 1/A. singular at a fold, where stiffness vanishes.
+    assumptions: what the numbers rest on.
     """
 
     position: Array
@@ -310,6 +318,7 @@ class Sensitivity(Record):
     at_held_height: Array
     with_lift_held: Array
     level_per_current: Array
+    assumptions: tuple[str, ...]
 
     def noise(self, deviation: ArrayLike, lift_held: bool = False) -> Array:
         """Covariance of x and y for noise of the currents that is slow enough for the magnet to follow.
@@ -373,19 +382,21 @@ def equilibrium_sensitivity(
         For arguments that do not fit, a position where the horizontal stiffness is singular, or currents that do
         not lift.
     """
-    carried = check_payload(payload, "equilibrium_sensitivity")
+    carried = check_payload(payload, "equilibrium_sensitivity", pieces=True)
+    where = "equilibrium_sensitivity(position)"
     source, amperes = resolve_currents(field, currents)
-    point = check_position(require_bounds(source), position, "equilibrium_sensitivity(position)")
+    point = check_centre(require_bounds(source), carried, position, where)
     width = CURRENT_STEP * float(np.abs(amperes).max()) if step is None else step
     check_positive("equilibrium_sensitivity", step=width)
     balance = magnet_balance(source, amperes, carried, point, moment, lever)
+    check_position(balance.box, point, where)
     stiffness = balance.stiffness(point)
     by_current = balance.force_per_signal(point, np.eye(len(amperes)), np.full(len(amperes), width))
     regular = abs(np.linalg.det(stiffness[:2, :2])) > 1e-10 * np.linalg.norm(stiffness) ** 2
     must = "the horizontal stiffness must not be singular: at a fold the equilibrium has no derivative"
     received = f"{stiffness[:2, :2].tolist()} N/m"
     remedy = "choose currents or a height away from the fold"
-    check(regular, "equilibrium_sensitivity(position)", must, received, remedy)
+    check(regular, where, must, received, remedy)
     # The common factor 1 + s of all currents: d force / d s.
     by_level = by_current @ amperes
     matrix = np.zeros((3, 3))
@@ -395,4 +406,6 @@ def equilibrium_sensitivity(
     check(lifts, "equilibrium_sensitivity(currents)", must, received, "choose currents that lift")
     held: Array = np.asarray(np.linalg.solve(matrix, by_current), dtype=float)
     horizontal = np.asarray(np.linalg.solve(stiffness[:2, :2], by_current[:2]), dtype=float)
-    return Sensitivity(point, amperes, stiffness, by_current, horizontal, held[:2], held[2])
+    off = float(np.linalg.norm(balance.rule_error(point)))
+    about = (*force_stated(carried, moment, [off]), *model_assumptions(moment, lever))
+    return Sensitivity(point, amperes, stiffness, by_current, horizontal, held[:2], held[2], about)

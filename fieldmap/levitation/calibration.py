@@ -17,10 +17,18 @@ from fieldmap.arguments import check, check_matrix, check_ordered, check_positiv
 from fieldmap.device.model import Payload
 from fieldmap.errors import NoEquilibrium
 from fieldmap.field import AnyField, Bounds, Field, as_field, require_bounds
-from fieldmap.levitation.balance import MagnetModel, magnet_balance, model_assumptions
+from fieldmap.levitation.balance import (
+    MagnetBalance,
+    MagnetModel,
+    force_stated,
+    magnet_balance,
+    model_assumptions,
+    modelled,
+)
 from fieldmap.levitation.branches import equilibrium_at
+from fieldmap.levitation.places import box_of_centres
 from fieldmap.levitation.unknowns import Unknown, find_unknowns
-from fieldmap.lookup.payload import check_payload
+from fieldmap.lookup.payload import check_payload, magnetic_body
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -126,17 +134,21 @@ class _Rig:
     lever: float
     # Where each magnet was found last, so that the next search begins there.
     found: dict[int, tuple[Array, float]] = dataclasses.field(default_factory=dict)
+    # The balance of each lift, and the error of the magnets' volume rule at each place, as computed last.
+    lifted: dict[int, tuple[MagnetBalance, Array]] = dataclasses.field(default_factory=dict)
+    errors: dict[int, float] = dataclasses.field(default_factory=dict)
 
     def lifts(self, read: LiftReadings, values: Mapping[str, float]) -> Array:
         """Lifts (n,) over the weight."""
         sensed, currents = np.asarray(read.sensed), np.asarray(read.currents)
         places = np.zeros((len(sensed), 2)) if read.place is None else np.asarray(read.place)
         lifts = []
-        for z, amperes, place in zip(sensed, currents, places, strict=True):
+        for k, (z, amperes, place) in enumerate(zip(sensed, currents, places, strict=True)):
             point = np.append(place, z - values["magnet_offset"])
             given = amperes * _gains(values, len(amperes))
             balance = magnet_balance(self.source, given, self.payload, point, self.moment, self.lever)
             lifts.append(balance.magnetic_force(point[None, :])[0, 2] / balance.weight)
+            self.lifted[k] = balance, point
         return values["field_scale"] * np.array(lifts)
 
     def places(self, read: PositionReadings, values: Mapping[str, float]) -> Array:
@@ -166,8 +178,14 @@ class _Rig:
             except NoEquilibrium:
                 continue
             self.found[k] = (point.position[:2], carried)
+            self.errors[k] = point.volume_error
             return np.asarray(point.position[:2])
         return np.full(2, np.nan)
+
+    def rule_stated(self) -> tuple[str, ...]:
+        """What stands for the magnets, and how far off the force at the readings is at most."""
+        of_lifts = [float(np.linalg.norm(balance.rule_error(at))) for balance, at in self.lifted.values()]
+        return force_stated(self.payload, self.moment, [*of_lifts, *self.errors.values()])
 
 
 def calibrate(
@@ -183,8 +201,8 @@ def calibrate(
 ) -> Calibration:
     """Fit a field to measured currents of levitation, measured places, or both, by least squares.
 
-    The scales are kept within 0.05 to 20, the offset so that no magnet leaves the field's box. The field must hold at
-    the currents and places that the fit tries.
+    The scales are kept within 0.05 to 20, the offset so that no upright magnet leaves the field's box. The field must
+    hold at the currents and places that the fit tries.
 
     Parameters
     ----------
@@ -195,7 +213,7 @@ def calibrate(
     lift, positions
         The readings; one kind or both.
     fit
-        Which parameters are free. "field_scale" multiplies every field and force. "magnet_offset" is the
+        Which parameters are free. "field_scale" multiplies every force. "magnet_offset" is the
         depth of the magnet's centre below the point that the sensor reads, m. "current_scale" multiplies all
         currents before the field is asked (turns, or an amplifier's gain; where iron saturates that is not
         the same as a field scale). "gains" stands for one such factor for each coil, called "gain NAME".
@@ -224,14 +242,15 @@ def calibrate(
     >>> found = calibrate(m, device.payload, lift=readings)  # doctest: +SKIP
     >>> print(found.values, found.deviations, found.misfit)  # doctest: +SKIP
     """
-    carried = check_payload(payload, "calibrate")
+    carried = check_payload(payload, "calibrate", pieces=True)
     source = as_field(field)
     gains = tuple(f"gain {name}" for name in source.coil_names)
     names = _free(fit, gains)
     start = _start(gains, carried, given)
     rig = _Rig(source, carried, moment, lever)
     tables = _tables(rig, lift, positions)
-    bounds = _bounds(names, require_bounds(source), lift, positions, limits or {})
+    box = box_of_centres(require_bounds(source), magnetic_body(modelled(carried, moment)).all_points)
+    bounds = _bounds(names, box, lift, positions, limits or {})
     inside = bounds + np.outer([1e-6, -1e-6], bounds[1] - bounds[0])
     unknowns = [
         Unknown(name, float(np.clip(start[name], *near)), low, high, step=_STEP * _TYPICAL.get(name, 1.0))
@@ -266,7 +285,7 @@ def calibrate(
         found.misfit,
         found.misfit_before,
         tuple(rows),
-        (*model_assumptions(moment, lever), fitted, *found.notes),
+        (*rig.rule_stated(), *model_assumptions(moment, lever), fitted, *found.notes),
     )
 
 

@@ -16,9 +16,10 @@ from fieldmap.device.measured import MeasuredMachine, MeasuredShift
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, NoEquilibrium, OutsideMapError
 from fieldmap.field import Field, require_bounds
-from fieldmap.levitation.balance import upright_force
-from fieldmap.levitation.lift import lift_current
+from fieldmap.levitation.lift import LiftCurrent, lift_current
+from fieldmap.levitation.places import box_of_centres
 from fieldmap.levitation.signal_surface import equilibrium_surface
+from fieldmap.lookup.payload import magnetic_body
 from fieldmap.plain import Plain, plain_fields, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -33,7 +34,8 @@ class LiftAtHeight(Record):
 
     current: None where the field does not hold it. beyond: the largest current in all coils, A, that the field holds,
     where even that lifts too little. sensor_mm: reading of the machine's sensor; measured: the current measured there,
-    A; lift_share: the field's lift at that current over the weight. None where nothing was measured.
+    A; lift_share: the field's lift at that current over the weight. None where nothing was measured. volume_error: of
+    the current, as of `LiftCurrent`.
     """
 
     height: float
@@ -42,6 +44,7 @@ class LiftAtHeight(Record):
     sensor_mm: float | None = None
     measured: float | None = None
     lift_share: float | None = None
+    volume_error: float | None = None
 
     @property
     def ratio(self) -> float | None:
@@ -58,7 +61,7 @@ def lift_by_height(
 ) -> tuple[LiftAtHeight, ...]:
     """The lift current on the axis at several heights inside the field's box.
 
-    Heights where the field does not lift are left out.
+    Heights where the field does not lift are left out, and those at which the payload leaves the field's box.
 
     Parameters
     ----------
@@ -78,17 +81,18 @@ def lift_by_height(
         A row for each height.
     """
     rows = []
-    for reading, height in _heights(field, payload.magnet_offset, machine):
+    for reading, height in _heights(field, payload, machine):
         # Beside a field that no current drives, a negative current may lift, and some may lift less than none.
         driven = not getattr(field, "fixed_sources", ())
         share = _lift_share(field, payload, height, largest) if driven and largest is not None else None
         too_weak = share is not None and 0.0 < share < 1.0
         try:
             # From the largest current down: no step of the search leaves a field that holds the answer.
-            current = None if too_weak else _lift_current(field, payload, height, largest or 1.0)
+            found = None if too_weak else _lift_current(field, payload, height, largest or 1.0)
         except Infeasible:
             continue
-        row = LiftAtHeight(height, current, largest if too_weak else None, reading)
+        current, error = (None, None) if found is None else (found.current, found.volume_error)
+        row = LiftAtHeight(height, current, largest if too_weak else None, reading, volume_error=error)
         if machine is not None and reading is not None:
             measured = machine.lift_current(reading)
             at_measured = _lift_share(field, payload, height, measured)
@@ -112,7 +116,7 @@ class ForceFit(Record):
 
 
 def fit_force(field: Field, payload: Payload, lift: Sequence[LiftAtHeight]) -> ForceFit | None:
-    """The factor on the moment that fits measured lift currents.
+    """The factor on the force that fits measured lift currents.
 
     Parameters
     ----------
@@ -126,22 +130,21 @@ def fit_force(field: Field, payload: Payload, lift: Sequence[LiftAtHeight]) -> F
     Returns
     -------
     ForceFit | None
-        The factor, and the rows' currents with it; None if nothing was measured, and for a payload of pieces,
-        whose force no factor on a moment changes.
+        The factor, and the rows' currents with it; None if nothing was measured.
     """
-    if payload.pieces:
-        return None
     shares = np.array([row.lift_share for row in lift if row.lift_share is not None])
     if not shares.any():
         return None
     factor = float(shares.sum() / (shares @ shares))
-    scaled = replace(payload, moment=factor * payload.moment)
+    # What a stronger force carries at a current is what the force carries of a lighter payload.
+    scaled = replace(payload, mass=payload.mass / factor)
     currents: list[float | None] = []
     deviations: list[float | None] = []
     for row in lift:
         fitted = deviation = None
         if row.measured is not None and row.lift_share:
-            fitted = _lift_current(field, scaled, row.height, row.measured)
+            found = _lift_current(field, scaled, row.height, row.measured)
+            fitted = None if found is None else found.current
             deviation = None if fitted is None else fitted / row.measured - 1.0
         currents.append(fitted)
         deviations.append(deviation)
@@ -175,7 +178,7 @@ class ShiftBesideMeasured(Record):
 def shifts_beside_measured(
     field: Field, payload: Payload, machine: MeasuredMachine, parametrisation: CurrentParametrisation
 ) -> tuple[ShiftBesideMeasured, ...]:
-    """Every measured shift with this parametrisation, the magnet a point dipole that stays upright.
+    """Every measured shift with this parametrisation, the payload upright.
 
     Those are left out whose height lies outside the field's box, or for which the field has no equilibrium at
     signal 0.
@@ -231,31 +234,36 @@ def _shift(
 
 
 def _heights(
-    field: Field, offset: float, machine: MeasuredMachine | None
+    field: Field, payload: Payload, machine: MeasuredMachine | None
 ) -> list[tuple[float | None, float]]:
-    """Sensor readings, mm, and heights, m, inside the box."""
-    lower, upper = require_bounds(field)
+    """Sensor readings, mm, and heights, m, at which the payload lies inside the box."""
+    points = magnetic_body(payload).all_points
+    lower, upper = box_of_centres(require_bounds(field), points)
     if (lower[:2] > 0.0).any() or (upper[:2] < 0.0).any():
         return []
     if machine is None:
-        return [(None, float(height)) for height in np.linspace(upper[2], lower[2], _HEIGHTS)[1:-1]]
-    at = ((reading, machine.height(reading, offset)) for reading in machine.readings_mm)
+        low, high = (float(corner[2] - points[:, 2].mean()) for corner in require_bounds(field))
+        at: list[tuple[float | None, float]] = [
+            (None, float(height)) for height in np.linspace(high, low, _HEIGHTS)[1:-1]
+        ]
+    else:
+        at = [(reading, machine.height(reading, payload.magnet_offset)) for reading in machine.readings_mm]
     return [(reading, height) for reading, height in at if lower[2] <= height <= upper[2]]
 
 
-def _lift_current(field: Field, payload: Payload, height: float, first: float) -> float | None:
+def _lift_current(field: Field, payload: Payload, height: float, first: float) -> LiftCurrent | None:
     """None where the field does not hold it. Raises Infeasible where the field does not lift."""
     try:
-        return float(lift_current(field, payload, [0.0, 0.0, height], first=first).current)
+        return lift_current(field, payload, [0.0, 0.0, height], first=first)
     except OutsideMapError:
         return None
 
 
 def _lift_share(field: Field, payload: Payload, height: float, current: float) -> float | None:
-    """Lift of a vertical magnet over its weight at equal currents; None where the field does not hold them."""
+    """Lift of the payload, upright, over its weight at equal currents; None where the field does not hold them."""
     point, currents = np.array([[0.0, 0.0, height]]), np.full(len(field.coil_names), current)
     try:
-        force = float(upright_force(field, currents, payload, point)[0, 2])
+        force = float(magnetic_body(payload).wrench(field, point, currents)[0, 2])
     except OutsideMapError:
         return None
     return force / (payload.mass * GRAVITY)

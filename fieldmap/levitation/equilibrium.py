@@ -16,10 +16,13 @@ from fieldmap.field import AnyField, Bounds, require_bounds, resolve_currents
 from fieldmap.levitation.balance import (
     BodyBalance,
     MagnetBalance,
+    MagnetModel,
+    coarse_balance,
     held_at,
     magnet_balance,
     model_of,
     refuse_models_of_pieces,
+    rule_stated,
 )
 from fieldmap.levitation.places import check_centre, check_position, search_grid
 from fieldmap.lookup.payload import check_payload, magnetic_body
@@ -58,7 +61,9 @@ class Equilibrium(Record):
     along each of them. moment (3,) in A m^2 and currents (n_coils,) in A, at the equilibrium; held: which way the
     moment of the magnets points and whether it turns, such as "moment down, fixed". field (3,): B in T in the middle of
     the payload's magnets and soft iron. others (n, 3): further equilibria of the same currents found on
-    the way, m. assumptions: what the numbers rest on.
+    the way, m. volume_error: by how much a finer volume rule of the magnets moves the place, m; 0 where the
+    rule is exact or no shape is known, NaN where that is not known: the finer rule leaves the field, or is too far off.
+    assumptions: what the numbers rest on.
     """
 
     position: Array
@@ -72,6 +77,7 @@ class Equilibrium(Record):
     field: Array
     currents: Array
     others: Array
+    volume_error: float
     assumptions: tuple[str, ...]
     report: SearchReport
 
@@ -122,15 +128,17 @@ def find_equilibrium(
     currents
         (n_coils,), one number for all coils, or by name, A.
     payload
-        A point dipole of its mass, moment and direction, or its pieces, which stay upright while soft iron follows B.
+        What is levitated, which points as it says: its magnets are integrated over their volume by the rule of its
+        `volume_level`; 1, and a moment without a shape, are point dipoles. Pieces stay upright while soft iron
+        follows B.
     start
         The payload's centre (3,), m, from which to begin. Without it the search covers all places at which the
-        payload's dipole, or the middles of its magnets and soft iron, lie in the box. Of several equilibria the
+        payload's magnets, and the middles of its soft iron, lie in the box. Of several equilibria the
         one with most stable directions nearest to the box's vertical axis is returned, and the rest are in
         `.others`.
     moment
-        "fixed" keeps the payload's direction; "aligned" lets the moment follow B. Unless given, "aligned" for a
-        payload that states turning = "free", "fixed" for any other.
+        "fixed" keeps the payload's direction; "aligned" lets the moment follow B, as a point dipole. Unless given,
+        "aligned" for a payload that states turning = "free", "fixed" for any other.
 
     Returns
     -------
@@ -165,7 +173,9 @@ def find_equilibrium(
     box = balance.box
     begin = None if asked is None else check_position(box, asked, where)
     grid = search_grid(box)
-    residuals = balance.residual(grid)
+    coarse = coarse_balance(balance, carried)
+    residuals = coarse.residual(grid)
+    balance.evaluations = coarse.evaluations
     best = best_starts(grid, np.linalg.norm(residuals, axis=1), box)
     found: list[Array] = []
     tried = 0
@@ -175,8 +185,7 @@ def find_equilibrium(
             tried += len(starts)
     if not found:
         raise no_equilibrium(balance, grid, residuals, tried)
-    held = assumptions_of_pieces(carried) if carried.pieces else assumptions(model)
-    return _result(balance, box, found, begin, tried, carried, held)
+    return _result(balance, box, found, begin, tried, carried, model)
 
 
 def _eigen(stiffness: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -205,12 +214,14 @@ def _result(
     begin: Array | None,
     tried: int,
     payload: Payload,
-    rests: tuple[str, ...],
+    moment: MagnetModel,
 ) -> Equilibrium:
     ranked = _ranked(balance, box, found, begin)
     position = ranked[0]
     stiffness = balance.stiffness(position)
     eigenvalues, directions, stable = _eigen(stiffness)
+    rests = assumptions_of_pieces(payload) if payload.pieces else assumptions(moment)
+    off = balance.place_error(position)
     residual = balance.residual(position[None, :])[0]
     held, notes = held_at(balance, payload, position)
     report = SearchReport(
@@ -235,19 +246,19 @@ def _result(
         field=balance.flux_density(position),
         currents=balance.currents,
         others=np.array(ranked[1:]).reshape(-1, 3),
-        assumptions=(*rests, *notes),
+        volume_error=off,
+        assumptions=(*rule_stated(payload, moment, 1e3 * off, "mm of the place"), *rests, *notes),
         report=report,
     )
 
 
 def assumptions(moment: str) -> tuple[str, ...]:
-    """What the force on a point dipole rests on."""
+    """What the force on one magnet rests on."""
     held = {
         "fixed": "the moment keeps its direction, up or down as the payload states",
         "aligned": "the moment stays parallel to the local field and keeps its magnitude",
     }[moment]
     return (
-        "the magnet is a point dipole at its centre",
         held,
         "the currents are constant and the magnet does not change the field of the coils and the iron",
         "position means the magnet's centre; the sensor reads a point magnet_offset above it",

@@ -11,19 +11,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check_signal, raise_all
-from fieldmap.constants import GRAVITY
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, NotConverged, OutsideMapError, Problem
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
 from fieldmap.levitation.balance import (
-    CURRENT_STEP,
     Balance,
     BodyBalance,
     MagnetBalance,
-    dipole_force,
+    MagnetModel,
     held_at,
     magnet_balance,
     model_of,
+    rule_stated,
 )
 from fieldmap.levitation.places import check_centre, check_position
 from fieldmap.lookup.actuation import wrench_actuation
@@ -48,9 +47,10 @@ class LiftCurrent(Record):
     force (3,): magnetic force there, N; its z component is the weight, the other two are not balanced.
     force_per_ampere (3,), N/A of common current: dF/di at these currents. stiffness (3, 3) = -dF_i/dx_j, N/m.
     held: which way the moment of the magnets points and whether it turns, such as "moment down, fixed". field (3,): B
-    in T in the middle of the payload's magnets and soft iron. assumptions: what the numbers rest on. history: (common
-    current in A, lift in N) of every state that was solved on the way, empty for a field that superposes, with or
-    without a constant part.
+    in T in the middle of the payload's magnets and soft iron. volume_error: by how much a finer volume rule of the
+    magnets changes the current, A; 0 where the rule is exact or no shape is known, NaN where the finer rule leaves the
+    field. assumptions: what the numbers rest on. history: (common current in A, lift in N) of every state that was
+    solved on the way, empty for a field that superposes, with or without a constant part.
     """
 
     current: float
@@ -61,6 +61,7 @@ class LiftCurrent(Record):
     stiffness: Array
     held: str
     field: Array
+    volume_error: float
     assumptions: tuple[str, ...]
     history: tuple[tuple[float, float], ...] = ()
 
@@ -80,16 +81,17 @@ def lift_current(
     tolerance: float = 1e-4,
     on_state: Callable[[float, float], None] | None = None,
 ) -> LiftCurrent:
-    """Common current that carries the weight of a point dipole at a position.
+    """Common current that carries the weight at a position.
 
-    The dipole points as the payload says, and the current is negative if a positive one pulls it down. A field that is
-    proportional to the currents gives i = m g / (D dBz/dz per ampere), docs/theory/equilibrium.md. If the field has a
+    The magnet points as the payload says, and the current is negative if a positive one pulls it down. A field that is
+    proportional to the currents gives i = m g / (lift per ampere), docs/theory/equilibrium.md. If the field has a
     constant part, i carries the rest of the weight. The moment of a payload that states turning = "free" follows the
     field, which may be of any kind then, and any other field is
     evaluated at about four currents: at `first`, then at `first` times weight divided by lift, then by the secant,
     until |F_z - m g| <= tolerance m g. Once two currents bracket the weight, the secant stays between them. A
-    payload of pieces stays upright, and its current is found by the same search; the pull on soft iron grows with the
-    square of the current.
+    payload of pieces stays upright. The current of one with soft iron is found by the same search: the pull on soft
+    iron grows with the square of the current. Magnets are integrated over their volume by the rule of the payload's
+    `volume_level`; 1, and a moment without a shape, are point dipoles.
 
     Parameters
     ----------
@@ -98,7 +100,7 @@ def lift_current(
     payload
         What is lifted.
     position
-        The payload's centre (3,), m. Its dipole, or the middles of its pieces, must lie in the box.
+        The payload's centre (3,), m. Its magnets, and the middles of its soft iron, must lie in the box.
     shares
         Current of each coil per ampere of common current (n_coils,); 1 in every coil unless given.
     first
@@ -123,7 +125,7 @@ def lift_current(
     Infeasible
         Where the field does not lift.
     NotConverged
-        After MAX_STATES states; after four times as many for a payload of pieces in a field that superposes.
+        After MAX_STATES states; after four times as many for soft iron in a field that superposes.
 
     Examples
     --------
@@ -136,36 +138,43 @@ def lift_current(
     source = as_field(field)
     weights = _checked(source, shares, first, tolerance)
     point = check_centre(require_bounds(source), carried, position, _POSITION)
-    if source.affine and not carried.pieces and model_of(carried) == "fixed":
+    if source.affine and not carried.soft and _model(carried) == "fixed":
         return _superposed(source, carried, point, weights)
     return _by_secant(source, carried, point, weights, first, tolerance, on_state)
 
 
-def _require_pull(point: Array, force: Array, size: float) -> None:
-    """Raise Infeasible for a force (3,), N, without a vertical part; size: of the forces there, N."""
-    # Rounding leaves some 1e-16 of the gradient where dBz/dz vanishes.
+def _require_pull(balance: MagnetBalance, point: Array, force: Array) -> None:
+    """Raise Infeasible for a force (3,), N, without a vertical part."""
+    middle = (point + balance.arms.mean(axis=0))[None, :]
+    size = balance.magnitude * np.linalg.norm(balance.source.gradient(middle, balance.currents))
+    # Rounding leaves some 1e-16 of the gradient where the force vanishes.
     if abs(force[2]) <= 1e-12 * size:
-        must_hold = "dBz/dz must not vanish where a vertical dipole is to be lifted"
-        received, remedy = "no vertical force for the given shares", "choose another position or other shares"
-        raise Infeasible.of(_at(point), must_hold, received, remedy)
+        raise no_lift("lift_current", point)
+
+
+def no_lift(where: str, point: Array) -> Infeasible:
+    """The error of a place (3,), m, at which nothing lifts."""
+    must_hold = "dBz/dz must not vanish where a vertical magnet is to be lifted"
+    received, remedy = "no vertical force for the given shares", "choose another position or other shares"
+    return Infeasible.of(_at(point, where), must_hold, received, remedy)
 
 
 def _superposed(field: Field, payload: Payload, point: Array, shares: Array) -> LiftCurrent:
     """The lift current of a field that is the sum of its coils' fields and a constant, which may be zero."""
+    at = point[None, :]
+    balance = magnet_balance(field, shares, payload, point, _model(payload))
+    check_position(balance.box, point, _POSITION)
     if field.proportional:
-        per_ampere, off = field.gradient(point[None, :], shares)[0], np.zeros((3, 3))
+        without = np.zeros(3)
         held = "field and force are proportional to the currents (no saturation)"
     else:
-        off = field.constant_gradient(point)
-        per_ampere = np.einsum("c,cij->ij", shares, field.unit_gradient(point))
+        without = replace(balance, currents=0.0 * shares).magnetic_force(at)[0]
         held = "a field that no current drives, and fields in proportion to the currents (no saturation)"
-    moment = payload.moment_vector
-    by_coils, without = dipole_force(moment, per_ampere), dipole_force(moment, off)
-    _require_pull(point, by_coils, payload.moment * float(np.linalg.norm(per_ampere)))
-    current = float((payload.mass * GRAVITY - without[2]) / by_coils[2])
-    balance = Balance(field, current * shares, payload.mass, payload.moment, moment)
-    held_magnet = "the magnet is a vertical point dipole at its centre"
-    return _lift(current, payload, balance, point, by_coils, (f"linear: {held}", held_magnet))
+    by_coils = balance.magnetic_force(at)[0] - without
+    _require_pull(balance, point, by_coils)
+    current = float((balance.weight - without[2]) / by_coils[2])
+    balance = replace(balance, currents=current * shares)
+    return _lift(current, payload, balance, point, by_coils, (f"linear: {held}", _upright(payload)))
 
 
 def _lift(
@@ -178,6 +187,8 @@ def _lift(
     history: tuple[tuple[float, float], ...] = (),
 ) -> LiftCurrent:
     held, notes = held_at(balance, payload, point)
+    off = abs(float(balance.rule_error(point)[2] / force_per_ampere[2]))
+    rule = rule_stated(payload, _model(payload), off, "A of the current")
     return LiftCurrent(
         current=current,
         currents=balance.currents,
@@ -187,7 +198,8 @@ def _lift(
         stiffness=balance.stiffness(point),
         held=held,
         field=balance.flux_density(point),
-        assumptions=(*assumptions, *notes),
+        volume_error=off,
+        assumptions=(*rule, *assumptions, *notes),
         history=history,
     )
 
@@ -203,8 +215,7 @@ def _by_secant(
 ) -> LiftCurrent:
     """The lift current by the secant, from `first` on. If the field superposes it is cheap: the limit is 1e-9 then."""
     at = point[None, :]
-    # Pieces stay upright here, whether the payload may turn or not.
-    balance = magnet_balance(field, first * shares, payload, point, "fixed" if payload.pieces else None)
+    balance = magnet_balance(field, first * shares, payload, point, _model(payload))
     check_position(balance.box, point, _POSITION)
     limit, most = (1e-9, 4 * MAX_STATES) if field.affine else (tolerance, MAX_STATES)
     tried: list[tuple[float, float]] = []
@@ -226,10 +237,7 @@ def _by_secant(
                 remedy = 'turn the shares around, or the magnet (payload.direction = "down" or "up")'
             raise OutsideMapError.of(_at(point), must_hold, received, remedy) from error
         if not tried and not payload.soft:
-            sideways = (
-                payload.moment * field.gradient(at, balance.currents) if not payload.pieces else forces[0]
-            )
-            _require_pull(point, forces[0], float(np.linalg.norm(sideways)))
+            _require_pull(balance, point, forces[0])
         tried.append((current, float(forces[-1][2] / balance.weight - 1.0)))
         if on_state is not None:
             on_state(current, tried[-1][1] + 1.0)
@@ -261,16 +269,24 @@ def _by_secant(
         other = min(far or range(len(tried) - 1), key=lambda k: abs(tried[k][0] - current))
         slope = (forces[-1] - forces[other]) / (current - tried[other][0])
     history = () if field.affine else tuple((i, float((v + 1.0) * balance.weight)) for i, v in tried)
-    held: tuple[str, ...] = _HELD
-    if isinstance(balance, BodyBalance):
-        held = (f"the payload of {payload.description} stays upright", *balance.body.assumptions)
-    return _lift(current, payload, balance, point, slope, held, history)
+    soft = balance.body.assumptions if isinstance(balance, BodyBalance) else ()
+    held = (
+        ()
+        if field.affine
+        else ("nonlinear iron: a state of its own for each set of currents, no hysteresis",)
+    )
+    return _lift(current, payload, balance, point, slope, (*held, _upright(payload), *soft), history)
 
 
-_HELD = (
-    "nonlinear iron: a state of its own for each set of currents, no hysteresis",
-    "the magnet is a point dipole at its centre and does not magnetise the iron",
-)
+def _model(payload: Payload) -> MagnetModel:
+    """Pieces stay upright here, whether the payload may turn or not."""
+    return "fixed" if payload.pieces else model_of(payload)
+
+
+def _upright(payload: Payload) -> str:
+    what = f"the payload of {payload.description}" if payload.pieces else "the magnet"
+    how = "stays upright" if _model(payload) == "fixed" else "stays parallel to the local field"
+    return f"{what} {how} and does not magnetise the iron"
 
 
 def _next_current(tried: Sequence[tuple[float, float]], power: float = 1.0) -> float:
@@ -316,8 +332,8 @@ def _last(tried: Sequence[tuple[float, float]]) -> str:
     return ", ".join(f"{value + 1.0:.4g} at {current:.4g} A" for current, value in tried[-4:])
 
 
-def _at(point: Array) -> str:
-    return f"lift_current at {(1e3 * point).round(3).tolist()} mm"
+def _at(point: Array, where: str = "lift_current") -> str:
+    return f"{where} at {(1e3 * point).round(3).tolist()} mm"
 
 
 # A combination of coils whose force per ampere is less than this share of the largest is left out: it would need more
@@ -349,9 +365,7 @@ def force_per_ampere(field: Field, moment: Array, point: Array, currents: Array)
     Array
         dF/di (3, n), N/A.
     """
-    count, step = len(currents), CURRENT_STEP * (float(np.abs(currents).max()) or 1.0)
-    balance = Balance(field, currents, 0.0, float(np.linalg.norm(moment)), moment)
-    return balance.force_per_signal(point, np.eye(count), np.full(count, step))
+    return Balance(field, currents, 0.0, float(np.linalg.norm(moment)), moment).force_per_current(point)
 
 
 def lift_shares(force_per_ampere: ArrayLike) -> Array:

@@ -21,7 +21,8 @@ def check_position(bounds: Bounds, position: ArrayLike, where: str) -> Array:
     slack = 1e-12 * np.abs(upper - lower).max()
     if (point < lower - slack).any() or (point > upper + slack).any():
         must_hold = f"must lie in the box {_millimetres(lower)} to {_millimetres(upper)} mm"
-        remedy = "choose a point inside, or a map that reaches there"
+        remedy = "choose a point inside, or a map that reaches there; of a payload with volume_level = 1 the magnets'"
+        remedy += " middles alone must lie in the map"
         raise OutsideMapError.of(where, must_hold, f"{_millimetres(point)} mm", remedy)
     return np.clip(point, lower, upper)
 
@@ -33,9 +34,9 @@ def check_point(position: ArrayLike, where: str) -> Array:
 
 def check_centre(bounds: Bounds, payload: Payload, position: ArrayLike, where: str) -> Array:
     """The centre (3,) of a payload, m, finite and, of a point dipole, inside the box of the field; the box for the
-    centre of pieces follows from the field, which says which way up they are held (`MagnetBalance.box`). Raises
+    centre of a larger body follows from the field, which says which way up it is held (`MagnetBalance.box`). Raises
     InputError and OutsideMapError."""
-    return check_point(position, where) if payload.pieces else check_position(bounds, position, where)
+    return check_point(position, where) if payload.extended else check_position(bounds, position, where)
 
 
 def box_of_centres(bounds: Bounds, arms: Array) -> Bounds:
@@ -65,12 +66,12 @@ def box_of_centres(bounds: Bounds, arms: Array) -> Bounds:
     # Centre and arm are rounded when they are added.
     low, high = low - 1e-9 * np.abs(low), high + 1e-9 * np.abs(high)
     if (high - low > upper - lower).any():
-        must_hold = "the middles of the magnets and of the soft iron must fit into the field's box"
+        must_hold = "the magnets and the middles of the soft iron must fit into the field's box"
         received = (
             f"they extend over {_millimetres(high - low)} mm, the box over {_millimetres(upper - lower)} mm"
         )
-        remedy = "check the centres of the pieces, or make a larger map"
-        raise InputError.of("payload.pieces", must_hold, received, remedy)
+        remedy = "check the centres of the pieces, make a larger map, or take point dipoles: volume_level = 1"
+        raise InputError.of("payload", must_hold, received, remedy)
     return lower - low, upper - high
 
 

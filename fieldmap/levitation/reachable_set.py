@@ -32,7 +32,7 @@ from fieldmap.errors import OutsideMapError
 from fieldmap.field import AnyField, Field, as_field, refuse_orientations
 from fieldmap.lookup import FieldMap
 from fieldmap.lookup.actuation import field_actuation, wrench_actuation
-from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns
+from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns, reacting_at
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
@@ -242,7 +242,7 @@ def quantity_of(
         slope = np.concatenate(
             [source.unit_gradient(points), source.constant_gradient(points)[:, None]], axis=1
         )
-        load = moment.by_fields(flux, slope, orientation)
+        load = moment.by_fields(flux, slope, orientation, reacting_at(source.reaction, points))
 
         def on_body(currents: Array) -> tuple[Array, Array]:
             wrench, slopes = load(np.append(currents, 1.0))

@@ -16,11 +16,12 @@ from fieldmap.currents import LiftAndDirections
 from fieldmap.device.model import Payload
 from fieldmap.errors import NoEquilibrium, OutsideMapError
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
+from fieldmap.levitation.balance import force_stated, magnet_balance
 from fieldmap.levitation.branches import equilibrium_at
-from fieldmap.levitation.lift import force_per_ampere, idle_note, signal_pushes
-from fieldmap.levitation.places import check_position
+from fieldmap.levitation.lift import idle_note, no_lift, signal_pushes
+from fieldmap.levitation.places import box_of_centres, check_centre, check_position
 from fieldmap.levitation.stationary import StationaryPoint
-from fieldmap.lookup.payload import check_payload
+from fieldmap.lookup.payload import check_payload, magnetic_body
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -107,22 +108,25 @@ def equilibrium_surface(
     >>> s = [-0.3, -0.15, 0.0, 0.15, 0.3]                                               # doctest: +SKIP
     >>> equilibrium_surface(m, payload, s, s, level=1.558, height=-0.102).positions     # doctest: +SKIP
     """
-    carried = check_payload(payload, "equilibrium_surface")
+    carried = check_payload(payload, "equilibrium_surface", pieces=True)
     check_positive("equilibrium_surface", level=level)
     x = np.atleast_1d(check_signal("equilibrium_surface(x_signals)", x_signals))
     y = np.atleast_1d(check_signal("equilibrium_surface(y_signals)", y_signals))
     source = as_field(field)
     low, high = require_bounds(source)
-    middle = 0.5 * (low + high)
+    middle = np.mean(box_of_centres((low, high), magnetic_body(carried).all_points), axis=0)
     of = getattr(source, "parametrisation", None) if parametrisation is None else parametrisation
     amperes: Callable[[Array], Array]
     if isinstance(of, LiftAndDirections) and shares is None:
         amperes, words = of.currents, f"currents by a lift and two directions with n = {of.n:g}"
     else:
-        point = check_position((low, high), np.append(middle[:2], height), "equilibrium_surface(height)")
+        point = check_centre(
+            (low, high), carried, np.append(middle[:2], height), "equilibrium_surface(height)"
+        )
         amperes, words = _least_power(source, carried, point, level, 1.0 if shares is None else shares)
     positions, levels = np.full((len(x), len(y), 3), np.nan), np.full((len(x), len(y)), np.nan)
     stable = np.zeros(levels.shape, dtype=bool)
+    errors: list[float] = []
 
     def rest(at: tuple[int, int], start: Array, begin: float, held: bool, scale: float) -> StationaryPoint:
         def path(u: float) -> tuple[Array, float]:
@@ -130,6 +134,7 @@ def equilibrium_surface(
 
         point, levels[at] = equilibrium_at(source, carried, path, start, begin, held, scale)
         positions[at], stable[at] = point.position, point.kind == "stable"
+        errors.append(point.volume_error)
         return point
 
     (centre, _), *others = _outward(x, y)
@@ -141,8 +146,10 @@ def equilibrium_surface(
                 rest(at, positions[before][:2], float(levels[before]), hold_height, scale)
     follows = "the level follows, so that the lift stays what it is at the signals nearest to 0"
     constant = "the level is constant; the vertical force is left unbalanced"
-    held = (follows if hold_height else constant, "the magnet is a point dipole that stays upright")
-    return EquilibriumSurface(x, y, positions, levels, stable, scale, (words, *held))
+    held = (*force_stated(carried, "fixed", errors), follows if hold_height else constant)
+    return EquilibriumSurface(
+        x, y, positions, levels, stable, scale, (words, *held, "the payload stays upright")
+    )
 
 
 def _least_power(
@@ -150,7 +157,12 @@ def _least_power(
 ) -> tuple[Callable[[Array], Array], str]:
     """How level and direction signals (3,) become currents (n_coils,) of least power, and that in words."""
     lift = coil_currents(shares, field.coil_names)
-    force = force_per_ampere(field, payload.moment_vector, point, level * lift)
+    balance = magnet_balance(field, level * lift, payload, point)
+    check_position(balance.box, point, "equilibrium_surface(height)")
+    gradient = field.gradient(point[None, :] + balance.arms.mean(axis=0), level * lift)
+    if balance.magnetic_force(point[None, :])[0, 2] <= 1e-12 * balance.magnitude * np.linalg.norm(gradient):
+        raise no_lift("equilibrium_surface", point)
+    force = balance.force_per_current(point)
     pushes, idle = signal_pushes(force)
     words = "direction signals push with least power; a signal of 1 adds the level to a coil"
     words = "; ".join([words, *map(idle_note, idle)])

@@ -14,7 +14,9 @@ from fieldmap.field import AnyField, Bounds, require_bounds, resolve_currents
 from fieldmap.levitation.balance import (
     MagnetBalance,
     MagnetModel,
+    force_stated,
     magnet_balance,
+    model_assumptions,
 )
 from fieldmap.levitation.places import check_point, check_position
 from fieldmap.lookup.payload import check_payload
@@ -42,6 +44,8 @@ class StationaryPoint(Record):
     horizontal : (2,), eigenvalues of the horizontal part of the stiffness, ascending, N/m.
     kind : "stable" if both eigenvalues are positive, "saddle" if one is, "unstable" if none is.
     lift : vertical magnetic force, N.
+    volume_error : by how much a finer volume rule of the magnets changes the force, N; 0 where the rule is exact
+        or no shape is known, NaN where the finer rule leaves the field.
     """
 
     position: Array
@@ -49,6 +53,7 @@ class StationaryPoint(Record):
     horizontal: Array
     kind: Kind
     lift: float
+    volume_error: float
 
     @property
     def trace(self) -> float:
@@ -69,6 +74,7 @@ class StationarySet(Record):
     boundary_index : number of turns of the horizontal force along the edge of the window.
     lower, upper : (2,), corners of the window, m.
     height : z of the magnet's centre, m.
+    assumptions : what the points rest on.
     """
 
     points: tuple[StationaryPoint, ...]
@@ -76,6 +82,7 @@ class StationarySet(Record):
     lower: Array
     upper: Array
     height: float
+    assumptions: tuple[str, ...]
 
     def of(self, kind: Kind) -> tuple[StationaryPoint, ...]:
         """The points of one kind.
@@ -157,7 +164,10 @@ def stationary_points(
         if sum(np.sign(np.linalg.det(balance.stiffness(p)[:2, :2])) for p in found) == turns:
             break
     found.sort(key=lambda p: float(np.linalg.norm(p - middle)))
-    return StationarySet(tuple(describe(balance, p) for p in found), turns, low, high, height)
+    points = tuple(describe(balance, p) for p in found)
+    rule = force_stated(carried, moment, (point.volume_error for point in points))
+    held = model_assumptions(moment, lever)
+    return StationarySet(points, turns, low, high, height, (*rule, *held))
 
 
 def describe(balance: MagnetBalance, position: Array) -> StationaryPoint:
@@ -166,7 +176,8 @@ def describe(balance: MagnetBalance, position: Array) -> StationaryPoint:
     values = np.asarray(np.linalg.eigvalsh(0.5 * (stiffness + stiffness.T)[:2, :2]), dtype=float)
     kind: Kind = "stable" if values[0] > 0 else "unstable" if values[1] <= 0 else "saddle"
     lift = float(balance.magnetic_force(position[None, :])[0, 2])
-    return StationaryPoint(position, stiffness, values, kind, lift)
+    off = float(np.linalg.norm(balance.rule_error(position)))
+    return StationaryPoint(position, stiffness, values, kind, lift, off)
 
 
 def to_equilibrium(balance: MagnetBalance, start: Array, low: Array, high: Array) -> Array | None:

@@ -16,7 +16,6 @@ from fieldmap.lookup.inverse import currents_for
 from fieldmap.lookup.iron_response import (
     compiled_currents,
     core_map,
-    division_domain,
     iron_weights,
     saturates,
     table_of_currents,
@@ -43,7 +42,6 @@ __all__ = [
     "core_map",
     "currents_for",
     "demagnetising_factors",
-    "division_domain",
     "field_actuation",
     "finite_magnet",
     "gradient_actuation",

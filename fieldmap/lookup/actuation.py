@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check_positive, checked_vectors
 from fieldmap.errors import InputError
 from fieldmap.field import AnyField, Field, as_field, coil_currents
-from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns
+from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns, loaded, reacting_at
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -136,6 +136,7 @@ def actuation(
         check_positive("actuation", loop=loop)
     rows: tuple[str, ...] = FIELD_ROWS + GRADIENT_ROWS
     selection = _SELECTED
+    moment = None if moment is None else loaded(as_field(field), moment)
     if isinstance(moment, MagneticBody):
         field_rows = _selected(field, position, rows, selection, currents, loop)
         return _joined(field_rows, _on_body(field, position, moment, currents, orientation, loop))
@@ -228,6 +229,7 @@ def wrench_actuation(
     InputError
         As for `actuation`.
     """
+    moment = loaded(as_field(field), moment)
     if isinstance(moment, MagneticBody):
         return _on_body(field, position, moment, currents, orientation)
     return _selected(field, position, FORCE_ROWS + TORQUE_ROWS, dipole_rows(_one(moment)), currents)
@@ -277,12 +279,14 @@ def _on_body(
         raise InputError.of("actuation, currents", must_hold, "none", "give those of the operating point")
     coils = len(source.coil_names)
     amperes = np.zeros(coils) if currents is None else coil_currents(currents, source.coil_names)
-    by_flux, by_slope, *rest = _derivatives(source, _one(position) + body.all_points @ turn.T, amperes, loop)
+    points = _one(position) + body.all_points @ turn.T
+    by_flux, by_slope, *rest = _derivatives(source, points, amperes, loop)
     # What the currents do not drive, or drive in another way than in proportion, is one more field, of weight 1.
     every = [np.concatenate([a, b[:, None]], axis=1) for a, b in zip((by_flux, by_slope), rest, strict=True)]
-    wrench, slopes = body.by_fields(every[0], every[1], turn)(np.append(amperes, 1.0))
+    reacts = reacting_at(source.reaction, points)
+    wrench, slopes = body.by_fields(every[0], every[1], turn, reacts)(np.append(amperes, 1.0))
     matrix = np.ascontiguousarray(slopes[:, :coils])
-    plain = source.proportional and not body.soft
+    plain = source.proportional and not body.soft and reacts is None
     return Actuation(FORCE_ROWS + TORQUE_ROWS, matrix, None if plain else wrench - matrix @ amperes)
 
 
@@ -350,10 +354,10 @@ def capability(
     force = np.einsum("ncij,i,dj->ndc", slope, dipole, axes)
     torque = np.einsum("ncj,dj->ndc", np.cross(dipole, flux), axes)
     most_force, most_torque = _supported(force, low, high), _supported(torque, low, high)
-    if source.proportional:
+    if source.proportional and source.reaction is None:
         return most_force, most_torque
-    pull = np.einsum("nij,i->nj", source.constant_gradient(where), dipole)
-    turn = np.cross(dipole, source.constant_field(where))
+    # What is there with all currents off.
+    pull, turn = np.hsplit(source.wrench(where, dipole, np.zeros(len(source.coil_names))), 2)
     return most_force + pull @ axes.T, most_torque + turn @ axes.T
 
 

@@ -50,7 +50,7 @@ class Demand(Record):
     def held(self) -> Demand:
         """The same with the least flux density along the direction."""
         assert self.along is not None
-        row = np.concatenate([self.along, np.zeros(9)])
+        row = _rows_of_field(self.along[None, :], self.selection.shape[1])
         names, values = (*self.names, "B along"), np.append(self.values, self.least)
         return replace(self, names=names, selection=np.vstack([self.selection, row]), values=values)
 
@@ -158,21 +158,26 @@ def _following(
             or not 0.0 < float(size) < math.inf
         ):
             raise _wrong("moment", "with a direction one positive number, its size in A m^2", size)
-        moment = float(size) * unit
+        # As a body, to which the iron reacts.
+        moment = MagneticBody(np.zeros((1, 3)), float(size) * unit[None, :])
     across = np.linalg.svd(unit[None, :])[2][1:]
-    rows = np.hstack([across, np.zeros((2, 9))])
     names = ("B across 1", "B across 2")
     if force is None and gradient is None:
-        return Demand(names, rows, np.zeros(2), None, unit, least)
+        return Demand(names, _rows_of_field(across, 12), np.zeros(2), None, unit, least)
     rest = demand_of(force, moment, None, None, gradient)
     return Demand(
         (*rest.names, *names),
-        np.vstack([rest.selection, rows]),
+        np.vstack([rest.selection, _rows_of_field(across, rest.selection.shape[1])]),
         np.concatenate([rest.values, np.zeros(2)]),
-        None,
+        rest.body,
         unit,
         least,
     )
+
+
+def _rows_of_field(along: Array, width: int) -> Array:
+    """Rows (r, width) of a selection: flux density along unit vectors (r, 3)."""
+    return np.hstack([np.zeros((len(along), width - 12)), along, np.zeros((len(along), 9))])
 
 
 def _moment(values: Any) -> Array:

@@ -18,8 +18,10 @@ from fieldmap.core import CoreMap
 from fieldmap.core.caller import caller
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.field import Bounds, FieldAtCurrents, MagneticLoad, of_any_shape
-from fieldmap.interpolants import Form, contract, set_size
+from fieldmap.interpolants import INTERPOLANTS, Form, contract, set_size
+from fieldmap.reaction import signs_of
 from fieldmap.records import Record, short, shortened
+from fieldmap.store import Grid, StoredReaction
 from fieldmap.threads import in_pieces
 from fieldmap.typing import Array
 
@@ -178,14 +180,16 @@ class Evaluator(Protocol):
 
 
 class CompiledEvaluator:
-    """The C core on the coefficients of a form. summed: the form is the sum of a map's fields, whose weight is 1."""
+    """The C core on the coefficients of a form. summed: the form is the sum of a map's fields, whose weight is 1.
+    reaction: of the iron to magnets, for wrenches."""
 
-    def __init__(self, form: Form, summed: bool = False) -> None:
-        self._form, self._summed = form, summed
+    def __init__(self, form: Form, summed: bool = False, reaction: MapReaction | None = None) -> None:
+        self._form, self._summed, self._reaction = form, summed, reaction
         self._core = CoreMap(form.unit)
         own = form.potential_unit is form.unit
         self._of_potential = self._core if own else CoreMap(form.potential_unit, components=1)
-        self._of_currents = CoreMap(form.unit, constant=True) if form.constant else self._core
+        alike = not form.constant and reaction is None
+        self._of_currents = self._core if alike else CoreMap(form.unit, 3, form.constant, *core_of(reaction))
         self.field_at = self._of_currents.field_at
         self.dipole_wrench_at = self._of_currents.dipole_wrench_at
 
@@ -219,7 +223,7 @@ class CompiledEvaluator:
         unit = potential = contract(form.unit, weights, set_size(form.unit))
         if form.potential_unit is not form.unit:
             potential = contract(form.potential_unit, weights, 8)
-        return CompiledEvaluator(Form(form.kind, unit, potential, form.misfit), summed=True)
+        return CompiledEvaluator(Form(form.kind, unit, potential, form.misfit), True, self._reaction)
 
     def core(self) -> CoreMap:
         """See `Evaluator`."""
@@ -239,6 +243,53 @@ class Box(Record):
         """Raise OutsideMapError if points lie outside and the rule is "raise"."""
         if n_outside and self.outside == "raise":
             raise outside_error(points, n_outside, self.lower, self.upper)
+
+
+class MapReaction:
+    """The iron's reaction to magnets from the fields that a map holds of it: a `fieldmap.reaction.Reaction`.
+
+    Parameters
+    ----------
+    stored
+        The fields at the nodes.
+    grid
+        Of the nodes.
+    kind
+        Interpolant of the map; one that the C core does not evaluate is replaced by "harmonic".
+    box
+        Of the map, with its rule for points outside.
+    """
+
+    def __init__(self, stored: StoredReaction, grid: Grid, kind: str, box: Box) -> None:
+        own = INTERPOLANTS[kind]
+        form = (own if own.kind is not None else INTERPOLANTS["harmonic"]).form(stored.on(grid), box.outside)
+        self._box, self.repelled = box, stored.repelled
+        self.core = CoreMap(form.unit)
+
+    @property
+    def signs(self) -> Array:
+        """Signs (k,)."""
+        return signs_of(self.core.sets, self.repelled)
+
+    def fields(self, points: Array) -> tuple[Array, Array]:
+        """See `fieldmap.reaction.Reaction`. Raises OutsideMapError by the rule of the map."""
+        where = np.ascontiguousarray(points)
+        flux, slope = (np.empty((len(where), self.core.sets, *tail)) for tail in ((3,), (3, 3)))
+        in_chunks(self.core.each_field, where, [flux, slope], self._box)
+        return np.swapaxes(flux, 0, 1), np.swapaxes(slope, 0, 1)
+
+    def second_gradient(self, points: Array) -> Array:
+        """See `fieldmap.reaction.Reaction`. Raises OutsideMapError by the rule of the map."""
+        where, count = np.ascontiguousarray(points), self.core.sets
+        second = np.empty((count, len(where), 3, 3, 3))
+        for k, weights in enumerate(np.eye(count)):
+            in_chunks(self.core.second_gradients, where, [weights[None], second[k]], self._box)
+        return second
+
+
+def core_of(reaction: MapReaction | None) -> tuple[CoreMap | None, int]:
+    """The reaction as `CoreMap` takes it."""
+    return (None, 0) if reaction is None else (reaction.core, reaction.repelled)
 
 
 def result_array(out: Array | None, shape: tuple[int, ...]) -> Array:
@@ -301,6 +352,8 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
     weights
         (1, n_fields) for all points, or (n, n_fields), one row for each of n points; None if the evaluator
         has one field, the sum.
+    reaction
+        Of the iron to magnets.
     """
 
     def __init__(
@@ -311,8 +364,9 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
         currents: Array,
         assumptions: tuple[str, ...] = (),
         weights: Array | None = None,
+        reaction: MapReaction | None = None,
     ) -> None:
-        self._evaluator, self._box, self._weights = evaluator, box, weights
+        self._evaluator, self._box, self._weights, self._reaction = evaluator, box, weights, reaction
         self._coil_names, self.currents, self._assumptions = coil_names, currents, assumptions
         self._domain = box.lower, box.upper
 
@@ -328,6 +382,11 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
     def assumptions(self) -> tuple[str, ...]:
         """The assumptions of the map."""
         return self._assumptions
+
+    @property
+    def reaction(self) -> MapReaction | None:
+        """The reaction of the iron to magnets, which forces and torques contain."""
+        return self._reaction
 
     @property
     def bounds(self) -> Bounds:

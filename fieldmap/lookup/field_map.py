@@ -31,11 +31,12 @@ from fieldmap.lookup.evaluation import (
     CompiledEvaluator,
     Evaluator,
     MapAtCurrents,
+    MapReaction,
     in_chunks,
 )
 from fieldmap.lookup.inverse import least_power_currents
 from fieldmap.lookup.inverse_problem import SumOfFields
-from fieldmap.lookup.magnetic_body import MagneticBody
+from fieldmap.lookup.magnetic_body import MagneticBody, loaded
 from fieldmap.records import card, count_of
 from fieldmap.store import FieldError, MapData, MapInfo, read_map, warn_of_missed_accuracy
 from fieldmap.threads import most_threads
@@ -94,7 +95,8 @@ class FieldMap(Field, own_shapes=ONE_POINT):
     NaN in its row. Arguments of another shape: InputError. `out` takes a contiguous float64 array of the result's
     shape. Batches of more than 30 000 points run on `threads` threads, by default one per processor. Objects can be
     pickled and used from several threads at once. evaluator: function that makes the `fieldmap.lookup.Evaluator` of the
-    coefficients; the interpolant's own unless given.
+    coefficients; the interpolant's own unless given. reaction: whether magnets feel the iron's reaction to themselves
+    (docs/theory/reaction.md), if the map holds it.
 
     >>> from fieldmap.store import Grid
     >>> grid = Grid([0, 0, 0], [0.01, 0.01, 0.01], (3, 3, 3))
@@ -114,6 +116,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         follow_currents: bool = False,
         tabulate_currents: bool = False,
         evaluator: Callable[[Form], Evaluator] | None = None,
+        reaction: bool = True,
     ) -> None:
         check_choices(kind, outside, outside_currents)
         self._info = MapInfo(**{name: getattr(data, name) for name in MapInfo.__dataclass_fields__})
@@ -122,8 +125,12 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         # A field of weight 1 behind those of the coils. A model of the iron includes this field in its weights.
         self._constant = data.constant_field and data.reduced_model is None
         self._form: Form = replace(INTERPOLANTS[kind].form(data, outside), constant=self._constant)
-        self._evaluator: Evaluator = (evaluator or INTERPOLANTS[kind].evaluator or CompiledEvaluator)(
-            self._form
+        self._reaction: MapReaction | None = None
+        if reaction and data.reaction is not None:
+            self._reaction = MapReaction(data.reaction, data.grid, kind, self._box)
+        made = evaluator or INTERPOLANTS[kind].evaluator
+        self._evaluator: Evaluator = (
+            CompiledEvaluator(self._form, reaction=self._reaction) if made is None else made(self._form)
         )
         reduced = data.reduced_model
         rules = (outside_currents, follow_currents)
@@ -142,6 +149,12 @@ class FieldMap(Field, own_shapes=ONE_POINT):
     def info(self) -> MapInfo:
         """Grid, coil names, reference currents, provenance and errors of the map."""
         return self._info
+
+    @property
+    def reaction(self) -> MapReaction | None:
+        """The reaction of the iron to magnets, which forces and torques contain; None of a map that does not hold it,
+        and of one opened with reaction=False."""
+        return self._reaction
 
     @property
     def parametrisation(self) -> CurrentParametrisation | None:
@@ -449,7 +462,8 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         known, fixed = self._last
         if known != key or fixed is None:
             summed = self._evaluator.at(self._weights(amperes))
-            fixed = MapAtCurrents(summed, self._box, self.coil_names, amperes.copy(), self.assumptions)
+            about = self.assumptions, None, self._reaction
+            fixed = MapAtCurrents(summed, self._box, self.coil_names, amperes.copy(), *about)
             # One assignment of one tuple: another thread sees the old pair or the new one, never a mixture.
             self._last = (key, fixed)
         return fixed
@@ -839,13 +853,15 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         >>> m = open_map("workspace.h5")                                                     # doctest: +SKIP
         >>> m.currents_for([0, 0, -0.1], force=[0, 0, 0.11], moment=[0, 0, 0.8], limits=3.5)  # doctest: +SKIP
         """
-        demand = demand_of(force, moment, torque, field, gradient, direction, least_field)
+        load = moment if direction is not None or moment is None else loaded(self, moment)
+        demand = demand_of(force, load, torque, field, gradient, direction, least_field)
         fields = self._fields_of_currents()
         return least_power_currents(fields, position, demand, limits, resistance, start, orientation)
 
     def _fields_of_currents(self) -> SumOfFields:
         """The field in the form that `least_power_currents` takes."""
-        return SumOfFields(self._evaluator.each_field, self.coil_names, self._constant, self._model)
+        each = self._evaluator.each_field
+        return SumOfFields(each, self.coil_names, self._constant, self._model, self._reaction)
 
     def to_xarray(self, currents: Any = None) -> xarray.Dataset:
         """B and gradient on the nodes, with coordinates, units and attributes.
@@ -997,7 +1013,9 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         if amperes.ndim == 1 and count > self._few:
             return self.at(currents)
         weights = np.atleast_2d(self._weights(amperes))
-        return MapAtCurrents(self._evaluator, self._box, self.coil_names, amperes, (), weights)
+        return MapAtCurrents(
+            self._evaluator, self._box, self.coil_names, amperes, (), weights, self._reaction
+        )
 
     def _amperes(self, currents: Any, points: int | None = None) -> Array:
         # NaN gives NaN in its row.
@@ -1073,6 +1091,7 @@ def open_map(
     outside_currents: str = "raise",
     follow_currents: bool = False,
     tabulate_currents: bool = False,
+    reaction: bool = True,
 ) -> FieldMap:
     """Read and check a map file, and make it ready for lookups.
 
@@ -1098,6 +1117,8 @@ def open_map(
         Of a map of saturating iron over a current division: tabulate the model once, which takes seconds. Any
         change of the currents then costs microseconds, also from compiled code, and `current_table.error`
         says how far the table is from the model.
+    reaction
+        Whether magnets feel the iron's reaction to themselves, if the map holds it.
 
     Returns
     -------
@@ -1128,7 +1149,7 @@ def open_map(
     rules = outside_currents, follow_currents, tabulate_currents
     data = read_map(path)
     warn_of_missed_accuracy(path, data.provenance.solver_report, stacklevel=2)
-    return interpolate(data, kind, outside, threads, *rules)
+    return interpolate(data, kind, outside, threads, *rules, reaction=reaction)
 
 
 def _no_path(given: object) -> Problem:
@@ -1154,6 +1175,7 @@ def interpolate(
     follow_currents: bool = False,
     tabulate_currents: bool = False,
     evaluator: Callable[[Form], Evaluator] | None = None,
+    reaction: bool = True,
 ) -> FieldMap:
     """Make a map in memory ready for lookups.
 
@@ -1161,7 +1183,7 @@ def interpolate(
     ----------
     data
         The map.
-    kind, outside, threads, outside_currents, follow_currents, tabulate_currents
+    kind, outside, threads, outside_currents, follow_currents, tabulate_currents, reaction
         As for `open_map`.
     evaluator
         Makes the evaluator of a form: see `FieldMap`.
@@ -1177,4 +1199,4 @@ def interpolate(
         As for `open_map`.
     """
     rules = outside_currents, follow_currents, tabulate_currents
-    return FieldMap(data, outside, kind, threads, *rules, evaluator)
+    return FieldMap(data, outside, kind, threads, *rules, evaluator, reaction)

@@ -10,13 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from fieldmap.arguments import checked_vectors
 from fieldmap.constants import MU0
 from fieldmap.errors import InputError, NotConverged
-from fieldmap.field import AnyField, StateField, as_field, require_bounds
+from fieldmap.field import AnyField, Field, StateField, as_field
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.typing import Array
 
@@ -33,22 +36,32 @@ class FiniteMagnet(MagneticBody):
     z."""
 
 
-def finite_magnet(shape: Magnet, field: AnyField, tolerance: float = 1e-6) -> FiniteMagnet:
+def finite_magnet(
+    shape: Magnet,
+    field: AnyField,
+    tolerance: float = 1e-6,
+    places: ArrayLike | None = None,
+    arm: ArrayLike = (0.0, 0.0, 0.0),
+) -> FiniteMagnet:
     """The coarsest rule that holds a magnet in a field to a tolerance.
 
-    Each rule, exact for fields of degree 1, 3, 5, ..., is set against the next at random places and
-    orientations all over the part of the box where the magnet fits, one coil at a time (or a state at its
-    currents), until they agree. The size of the magnet is judged against the scale of the field by the field
-    itself. The result states the difference.
+    Each rule, exact for fields of degree 1, 3, 5, ..., is set against a finer one at many places and random
+    orientations, one coil at a time (or a state at its currents), until they agree. The size of the magnet is
+    judged against the scale of the field by the field itself. The result states the difference.
 
     Parameters
     ----------
     shape
         The magnet.
     field
-        Any field with a box: see `fieldmap.field.as_field`.
+        Any field: see `fieldmap.field.as_field`.
     tolerance
         Largest difference of two rules, as a share of the largest force and torque found.
+    places
+        Where rules are compared: centres (n, 3) of the body that holds the magnet, m. Unless given, random places
+        all over the part of the field's box where the magnet fits; a field without a box needs them.
+    arm
+        The magnet's centre from that of the body (3,), m; it turns with the body.
 
     Returns
     -------
@@ -58,27 +71,29 @@ def finite_magnet(shape: Magnet, field: AnyField, tolerance: float = 1e-6) -> Fi
     Raises
     ------
     InputError
-        If the magnet does not fit into the box.
+        If the magnet does not fit into the box, or there is neither a box nor a place.
+    OutsideMapError
+        For places at which a part of the magnet is outside the field.
     NotConverged
-        If the finest rule (8) is not enough.
+        If the finest rules (7 and 8) do not agree.
     """
     # Here, as in `volume_rule`: maps are opened faster without the package of devices.
-    from fieldmap.device.payload import MagnetSphere
+    from fieldmap.device.payload import MagnetCylinder, MagnetSphere
 
-    rules = (volume_rule(shape, level) for level in range(1, FINEST + 1))
-    magnet = next(rules)
     if isinstance(shape, MagnetSphere):
+        magnet = volume_rule(shape, 1)
         return FiniteMagnet(magnet.points, magnet.moments, 0.0)
-    ask = _trial(shape, field)
-    here, error = ask(magnet), np.inf
-    for finer in rules:
-        there = ask(finer)
+    # One level up, a cylinder may have the same radii.
+    step = 2 if isinstance(shape, MagnetCylinder) else 1
+    rules = [volume_rule(shape, level) for level in range(1, FINEST + step)]
+    ask = cache(_trial(shape, field, places, np.asarray(arm, dtype=float)))
+    for magnet, finer in zip(rules, rules[step:], strict=False):
+        here, there = ask(magnet), ask(finer)
         scale = [np.linalg.norm(part, axis=1).max() or 1.0 for part in (there[:, :3], there[:, 3:])]
         off = [np.linalg.norm(part, axis=1).max() for part in np.hsplit(here - there, 2)]
         error = max(off[0] / scale[0], off[1] / scale[1])
         if error <= tolerance:
             return FiniteMagnet(magnet.points, magnet.moments, float(error))
-        magnet, here = finer, there
     received = f"{error:.1e} with {len(magnet.points)} points"
     remedy = "ask for less, or use a finer map: the field changes too much over the magnet"
     raise NotConverged.of("finite_magnet", f"two rules must agree to {tolerance:g}", received, remedy)
@@ -117,25 +132,46 @@ def volume_rule(shape: Magnet, level: int) -> FiniteMagnet:
     return FiniteMagnet(points, np.outer(shares, [0.0, 0.0, moment]))
 
 
-def _trial(shape: Magnet, field: AnyField) -> Callable[[FiniteMagnet], Array]:
-    """What a rule gives at the same random places, orientations and coils as every other."""
-    source, radius = as_field(field), shape.bounding_radius
-    lower, upper = require_bounds(source)
+def _trial(
+    shape: Magnet, field: AnyField, places: ArrayLike | None, arm: Array
+) -> Callable[[FiniteMagnet], Array]:
+    """What a rule gives at the same places, random orientations and coils as every other."""
+    source, rng = as_field(field), np.random.default_rng(20250101)
+    if places is None:
+        centres = _places_in_box(source, shape.bounding_radius, rng)
+        turns = _turns(rng, len(centres))
+    else:
+        bodies, _ = checked_vectors("finite_magnet, places", places)
+        bodies = np.repeat(bodies, -(-_PLACES // len(bodies)), axis=0)
+        turns = _turns(rng, len(bodies))
+        centres = bodies + turns @ arm
+    if isinstance(source, StateField):
+        return lambda magnet: magnet.wrench(source, centres, source.currents, turns)
+    count = len(source.coil_names)
+    # A field of magnets alone has no coil.
+    each = max(count, 1)
+    currents = np.tile(np.eye(count) if count else np.zeros((1, 0)), (len(centres), 1))
+    where, turned = np.repeat(centres, each, axis=0), np.repeat(turns, each, axis=0)
+    return lambda magnet: magnet.wrench(source, where, currents, turned)
+
+
+def _places_in_box(source: Field, radius: float, rng: np.random.Generator) -> Array:
+    """Random centres (n, 3) of a magnet that lies in the box however it is turned. Raises InputError."""
+    if source.bounds is None:
+        must_hold, remedy = "must be given for a field without a box", "give centres of the magnet (n, 3), m"
+        raise InputError.of("finite_magnet, places", must_hold, "None", remedy)
+    lower, upper = source.bounds
     low, high = lower + radius, upper - radius
     if np.any(low > high):
         size = ", ".join(f"{1e3 * x:g}" for x in upper - lower)
         must_hold = f"a magnet that fits into the map's box, {size} mm, however it is turned"
         received = f"one that extends {1e3 * radius:g} mm from its centre"
         raise InputError.of("finite_magnet, shape", must_hold, received, "make a larger map")
-    rng = np.random.default_rng(20250101)
-    places = low + rng.random((_PLACES, 3)) * (high - low)
-    turns = np.linalg.qr(rng.normal(size=(_PLACES, 3, 3)))[0]
-    if isinstance(source, StateField):
-        return lambda magnet: magnet.wrench(source, places, source.currents, turns)
-    count = len(source.coil_names)
-    currents = np.eye(count)[np.arange(_PLACES * count) % count]
-    where, turned = np.repeat(places, count, axis=0), np.repeat(turns, count, axis=0)
-    return lambda magnet: magnet.wrench(source, where, currents, turned)
+    return low + rng.random((_PLACES, 3)) * (high - low)
+
+
+def _turns(rng: np.random.Generator, count: int) -> Array:
+    return np.linalg.qr(rng.normal(size=(count, 3, 3)))[0]
 
 
 def _gauss(level: int, length: float) -> tuple[Array, Array]:

@@ -25,7 +25,7 @@ from fieldmap.lookup.actuation import Limits, checked_limits
 from fieldmap.lookup.demand import Demand, demand_of
 from fieldmap.lookup.inverse_problem import Goal, SolvedField, SumOfFields, Variables
 from fieldmap.lookup.inverse_search import MOST_EVALUATIONS, Search, linear_currents
-from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns
+from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns, loaded, reacting_at
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 
@@ -92,19 +92,22 @@ def currents_for(
     >>> currents_for(unit, [0, 0, -0.02], flux_density=[np.nan, np.nan, 1e-3]) * unit.field([0, 0, -0.02], 1.0)[2]
     array([0.001])
     """
-    demand = demand_of(force, moment, torque, flux_density, gradient, direction, least_field)
-    return least_power_currents(
-        _fields_of(as_field(field)), position, demand, limits, resistance, start, orientation
-    )
+    source = as_field(field)
+    load = moment if direction is not None or moment is None else loaded(source, moment)
+    demand = demand_of(force, load, torque, flux_density, gradient, direction, least_field)
+    return least_power_currents(fields_of(source), position, demand, limits, resistance, start, orientation)
 
 
-def _fields_of(source: Field) -> SumOfFields | SolvedField:
-    """Raises InputError for a field that neither superposes nor has derivatives by its currents."""
+def fields_of(source: Field) -> SumOfFields | SolvedField:
+    """The field in the form that `least_power_currents` takes.
+
+    Raises InputError for a field that neither superposes nor has derivatives by its currents.
+    """
     if hasattr(source, "_fields_of_currents"):
         fields: SumOfFields = source._fields_of_currents()
         return fields
     if not source.affine and hasattr(source, "by_currents"):
-        return SolvedField(source.by_currents, source.coil_names)
+        return SolvedField(source.by_currents, source.coil_names, source.reaction)
     require_affine(source, "currents_for")
     coils = len(source.coil_names)
 
@@ -113,7 +116,8 @@ def _fields_of(source: Field) -> SumOfFields | SolvedField:
         if not source.proportional:
             flux[:, coils], slope[:, coils] = source.field_and_gradient(points, np.zeros(coils))
 
-    return SumOfFields(each_field, source.coil_names, constant=not source.proportional)
+    constant = not source.proportional
+    return SumOfFields(each_field, source.coil_names, constant, reaction=source.reaction)
 
 
 def least_power_currents(
@@ -175,13 +179,15 @@ def _meeting(
     if not single:
         received = f"shape {points.shape}"
         raise InputError.of("currents_for, position", "three numbers", received, "ask place by place")
-    turn = _UPRIGHT
+    turn, reacts = _UPRIGHT, None
     if demand.body is not None:
         turn = checked_turns(orientation, 1)[0]
-        points = np.concatenate([points, points + demand.body.all_points @ turn.T])
+        on_body = points + demand.body.all_points @ turn.T
+        points = np.concatenate([points, on_body])
+        reacts = reacting_at(field.reaction, on_body)
     low, high = checked_limits(limits, len(names))
     first = None if start is None else coil_currents(start, names)
-    goal = Goal(demand, field.at(points), turn, Variables(names, low, high, weight))
+    goal = Goal(demand, field.at(points), turn, Variables(names, low, high, weight), reacts)
     model = field.iron.model if isinstance(field, SumOfFields) and field.iron is not None else None
     if isinstance(field, SumOfFields) and model is None and not demand.on_soft_iron:
         return linear_currents(goal)

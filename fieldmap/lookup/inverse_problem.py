@@ -16,6 +16,7 @@ from fieldmap.currents import CurrentParametrisation
 from fieldmap.errors import OutsideMapError
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.lookup.demand import Demand
+from fieldmap.reaction import Reaction
 from fieldmap.typing import Array
 
 FieldAtPoints = Callable[[Array], tuple[Array, Array, Array]]
@@ -28,13 +29,15 @@ class SumOfFields:
     """Each coil's field times its current, and others times weights that follow the currents.
 
     each_field(points, flux, slope) fills flux density (p, fields, 3), T, and gradient (p, fields, 3, 3), T/m, at weight
-    1. The others are one that no current drives, of weight 1 (constant), or those of the saturating iron.
+    1. The others are one that no current drives, of weight 1 (constant), or those of the saturating iron. reaction: of
+    the iron to magnets.
     """
 
     each_field: Callable[[Array, Array, Array], Any]
     coil_names: tuple[str, ...]
     constant: bool = False
     iron: CurrentModel | None = None
+    reaction: Reaction | None = None
 
     met, saving = 1e-9, 1e-12
     """Shares of the demand and of the power at which a search ends."""
@@ -74,6 +77,7 @@ class SolvedField:
 
     by_currents: Callable[[Array, Array], tuple[Array, Array, Array, Array]]
     coil_names: tuple[str, ...]
+    reaction: Reaction | None = None
 
     # States are solved to 1e-6 or so.
     met, saving = 1e-5, 1e-5
@@ -99,7 +103,7 @@ class SolvedField:
             flux[:, -1] = here - currents @ flux[:, :-1]
             slope[:, -1] = gradient - np.tensordot(currents, slope[:, :-1], (0, 1))
 
-        return SumOfFields(each_field, self.coil_names, constant=True)
+        return SumOfFields(each_field, self.coil_names, constant=True, reaction=self.reaction)
 
 
 @dataclass(eq=False)
@@ -142,13 +146,14 @@ class Variables:
 
 @dataclass(eq=False)
 class Goal:
-    """A demand at a place. turn (3, 3): columns are the axes of the demand's body, if it has one. evaluations: how
-    often the field was asked at new values."""
+    """A demand at a place. turn (3, 3): columns are the axes of the demand's body, if it has one. reacts: the iron's
+    reaction at its points, of `reacting_at`. evaluations: how often the field was asked at new values."""
 
     demand: Demand
     field: FieldAtPoints
     turn: Array
     variables: Variables
+    reacts: tuple[int, Array, Array] | None = None
 
     def __post_init__(self) -> None:
         self._last: tuple[bytes, tuple[Array, Array]] | None = None
@@ -174,9 +179,9 @@ class Goal:
 
     def undirected(self) -> Array:
         """What the rows (r,) would be if flux density and gradient lay along them, at the values asked for last: on an
-        axis of symmetry a row itself may be rounding. Zero for a body."""
-        of, fields, weights = self.demand.selection, self._fields, self._weights
-        if fields is None or weights is None or self.demand.body is not None:
+        axis of symmetry a row itself may be rounding. Zero for force and torque on a body."""
+        of, fields, weights = self.demand.selection[:, -12:], self._fields, self._weights
+        if fields is None or weights is None:
             return np.zeros(len(self.demand.values))
         sizes = [
             np.abs(weights) @ np.linalg.norm(part, axis=1) for part in (fields[0, :, :3], fields[0, :, 3:])
@@ -191,7 +196,7 @@ class Goal:
             matrix = of.selection @ at
             return lambda weights: (matrix @ weights, matrix)
         flux, gradient = fields[1:, :, :3], fields[1:, :, 3:].reshape(-1, at.shape[1], 3, 3)
-        load = of.body.by_fields(flux, gradient, self.turn)
+        load = of.body.by_fields(flux, gradient, self.turn, self.reacts)
 
         def on_body(weights: Array) -> tuple[Array, Array]:
             wrench, slopes = load(weights)

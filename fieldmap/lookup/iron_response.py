@@ -18,7 +18,6 @@ from fieldmap.arguments import check_positive
 from fieldmap.core import CoreMap
 from fieldmap.core import block as map_block
 from fieldmap.core.iron_numbers import CompiledModel
-from fieldmap.currents import LiftAndDirections
 from fieldmap.errors import InputError, Problem
 from fieldmap.field import coil_currents
 from fieldmap.interpolants import INTERPOLANTS, set_size
@@ -97,25 +96,6 @@ def saturates(field_map: FieldMap) -> bool:
         True for a map of saturating iron.
     """
     return field_map._model is not None
-
-
-def division_domain(field_map: FieldMap) -> tuple[Array, Array, float] | None:
-    """Domain of a map of saturating iron over a division of six currents.
-
-    Parameters
-    ----------
-    field_map
-        Opened map.
-
-    Returns
-    -------
-    tuple[Array, Array, float] | None
-        Lowest and highest (u, x, y), and the exponent n of the division; None for any other map.
-    """
-    model = field_map._model
-    if model is None or not isinstance(model.model.parametrisation, LiftAndDirections):
-        return None
-    return model.model.lower, model.model.upper, float(model.model.parametrisation.n)
 
 
 def iron_weights(field_map: FieldMap, currents: ArrayLike, loop: float | None = None) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ over the dipoles that stand for its magnets and one for each ellipsoid of soft i
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -18,10 +18,14 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check, check_signal, checked_vectors
 from fieldmap.core.body import CoreBody
 from fieldmap.errors import InputError
-from fieldmap.field import AnyField, as_field, coil_currents
+from fieldmap.field import AnyField, Field, as_field, coil_currents
 from fieldmap.lookup.soft_body import ASSUMPTION, SoftPiece, core_piece
+from fieldmap.reaction import Reaction
 from fieldmap.records import Record
 from fieldmap.typing import Array
+
+# Steps towards the moments of soft iron in the iron's reaction to itself, which is weak: each gains digits.
+_STEPS = 40
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,7 +110,7 @@ class MagneticBody(Record):
         OutsideMapError
             Where a part of the body is outside the field.
         """
-        arms, turn, flux, slope, single = self._asked(field, positions, currents, orientations)
+        arms, turn, flux, slope, _, single = self._asked(field, positions, currents, orientations)
         dipoles, _, _ = self._moments(turn, flux)
         result = _wrench(arms, dipoles, flux, slope)
         return result[0] if single else result
@@ -114,7 +118,8 @@ class MagneticBody(Record):
     def energy(
         self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
     ) -> Array:
-        """Interaction energy: -m . B of the magnets, -integral of m dB of soft iron.
+        """Interaction energy: -m . B of the magnets, -integral of m dB of soft iron, and of what the machine's
+        iron reacts with, docs/theory/reaction.md (3).
 
         `wrench` is minus its gradient, by place and turn.
 
@@ -128,10 +133,12 @@ class MagneticBody(Record):
         Array
             Energy (n,), J.
         """
-        _, turn, flux, _, single = self._asked(field, positions, currents, orientations)
+        _, turn, flux, _, reacting, single = self._asked(field, positions, currents, orientations)
         dipoles, induced, _ = self._moments(turn, flux)
         fixed = len(self.points)
         values = induced.sum(axis=1) - np.einsum("nqi,nqi->n", dipoles[:, :fixed], flux[:, :fixed])
+        # The moments in the field of the reaction count its energy twice.
+        values += 0.5 * reacting.squares
         return values[0] if single else values
 
     def induced_moment(
@@ -149,7 +156,7 @@ class MagneticBody(Record):
         Array
             Moments (n, s, 3) of s soft pieces, A m^2.
         """
-        _, turn, flux, _, single = self._asked(field, positions, currents, orientations)
+        _, turn, flux, _, _, single = self._asked(field, positions, currents, orientations)
         dipoles = self._moments(turn, flux)[0][:, len(self.points) :]
         return dipoles[0] if single else dipoles
 
@@ -168,7 +175,7 @@ class MagneticBody(Record):
         Array
             Moment (n, 3), A m^2.
         """
-        _, turn, flux, _, single = self._asked(field, positions, currents, orientations)
+        _, turn, flux, _, _, single = self._asked(field, positions, currents, orientations)
         total = self._moments(turn, flux)[0].sum(axis=1)
         return total[0] if single else total
 
@@ -193,15 +200,19 @@ class MagneticBody(Record):
         Array
             -dF/dx (3, 3), N/m.
         """
-        arms, turn, flux, slope, _ = self._asked(field, np.reshape(position, (1, 3)), currents, orientation)
+        place = np.reshape(position, (1, 3))
+        arms, turn, flux, slope, reacting, _ = self._asked(field, place, currents, orientation)
         dipoles, _, by_field = self._moments(turn, flux, slopes=True)
-        second = as_field(field).second_gradient(np.reshape(position, (1, 3)) + arms[0], currents)
-        stiffness = -np.einsum("qi,qikl->kl", dipoles[0], second)
+        source, points = as_field(field), place + arms[0]
+        stiffness = -np.einsum("qi,qikl->kl", dipoles[0], source.second_gradient(points, currents))
         soft = slope[0, len(self.points) :]
-        return np.asarray(stiffness - np.einsum("pij,pjl,pik->kl", by_field[0], soft, soft))
+        stiffness -= np.einsum("pij,pjl,pik->kl", by_field[0], soft, soft)
+        if source.reaction is not None:
+            stiffness -= reacting.slopes(source.reaction.second_gradient(points), dipoles, by_field, soft)
+        return np.asarray(stiffness)
 
     def by_fields(
-        self, flux: Array, slope: Array, orientation: Array
+        self, flux: Array, slope: Array, orientation: Array, reacts: tuple[int, Array, Array] | None = None
     ) -> Callable[[Array], tuple[Array, Array]]:
         """Force and torque as a function of the weights of k fields.
 
@@ -215,6 +226,8 @@ class MagneticBody(Record):
             Gradient (count, k, 3, 3), T/m, of these fields at weight 1 there.
         orientation
             Rotation (3, 3) whose columns are the body's axes.
+        reacts
+            The iron's reaction there, of `reacting_at`; none unless given.
 
         Returns
         -------
@@ -222,11 +235,13 @@ class MagneticBody(Record):
             A function of weights (k,) that gives the wrench (6,) and its derivatives (6, k) by the weights.
         """
         turn, k = np.array(orientation, dtype=np.float64, order="C"), flux.shape[1]
-        flux, slope = np.ascontiguousarray(flux), np.ascontiguousarray(slope)
+        fields = np.ascontiguousarray(flux), np.ascontiguousarray(slope)
+        nothing = np.zeros((len(flux), 0, 3, 3))
+        reaction = (0, nothing[..., 0], nothing) if reacts is None else reacts
 
         def load(weights: Array) -> tuple[Array, Array]:
             wrench, slopes = np.empty(6), np.empty((6, k))
-            self.core.wrench_slopes(turn, np.ascontiguousarray(weights), flux, slope, wrench, slopes)
+            self.core.wrench_slopes(turn, np.ascontiguousarray(weights), fields, reaction, wrench, slopes)
             return wrench, slopes
 
         return load
@@ -245,7 +260,9 @@ class MagneticBody(Record):
 
     def _asked(
         self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None
-    ) -> tuple[Array, Array, Array, Array, bool]:
+    ) -> tuple[Array, Array, Array, Array, _Reacting, bool]:
+        """Arms, turns, flux density and gradient at all points, the reaction of the iron among them, that reaction, and
+        whether one position was given."""
         where, single = checked_vectors("positions", positions)
         n, q = len(where), self.count
         turn = checked_turns(orientations, n)
@@ -254,8 +271,107 @@ class MagneticBody(Record):
         amperes = coil_currents(currents, source.coil_names, n, finite=False)
         if amperes.ndim == 2:
             amperes = np.repeat(amperes, q, axis=0)
-        flux, slope = source.field_and_gradient((where[:, None] + arms).reshape(-1, 3), amperes)
-        return arms, turn, flux.reshape(n, q, 3), slope.reshape(n, q, 3, 3), single
+        points = (where[:, None] + arms).reshape(-1, 3)
+        flux, slope = source.field_and_gradient(points, amperes)
+        flux, slope = flux.reshape(n, q, 3), slope.reshape(n, q, 3, 3)
+        reacting = _Reacting.of(source.reaction, points, (n, q))
+        reacting = self._reacting(reacting, turn, flux)
+        return arms, turn, flux + reacting.flux, slope + reacting.slope, reacting, single
+
+    def _reacting(self, reacting: _Reacting, turn: Array, flux: Array) -> _Reacting:
+        """The reaction to the body in a field (n, q, 3) of others. Moments of soft iron follow it, step by step."""
+        if not len(reacting.signs):
+            return reacting
+        for _ in range(_STEPS):
+            before = reacting.weights
+            reacting = reacting.to(self._moments(turn, flux + reacting.flux)[0])
+            largest = np.abs(reacting.weights).max(initial=0.0)
+            if not self.soft or np.abs(reacting.weights - before).max() <= 1e-14 * largest:
+                break
+        return reacting
+
+
+def loaded(field: Field, moment: ArrayLike | MagneticBody) -> ArrayLike | MagneticBody:
+    """A dipole's moment (3,) as a body where the iron of the field reacts to it; what is asked otherwise as it is."""
+    if field.reaction is None or isinstance(moment, MagneticBody) or np.shape(moment) != (3,):
+        return moment
+    return MagneticBody(np.zeros((1, 3)), np.asarray(moment, dtype=np.float64)[None])
+
+
+def reacting_at(reaction: Reaction | None, points: Array) -> tuple[int, Array, Array] | None:
+    """The iron's reaction at the points of a body, for `MagneticBody.by_fields`.
+
+    Parameters
+    ----------
+    reaction
+        Of a field, or None.
+    points
+        Positions (p, 3), m.
+
+    Returns
+    -------
+    tuple[int, Array, Array] | None
+        Of how many fields, the last, the sign is -1; flux densities (p, k, 3), T/sqrt(J), and gradients (p, k, 3, 3).
+    """
+    if reaction is None:
+        return None
+    flux, slope = (np.ascontiguousarray(np.swapaxes(values, 0, 1)) for values in reaction.fields(points))
+    return int((reaction.signs < 0).sum()), flux, slope
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _Reacting(Record):
+    """The iron's reaction at q points of n bodies: fields b (k, n, q, 3) and gradients (k, n, q, 3, 3) at weight 1,
+    signs (k,), and weights (k, n), docs/theory/reaction.md (1), of each body alone."""
+
+    fields: Array
+    gradients: Array
+    signs: Array
+    weights: Array
+
+    @classmethod
+    def of(cls, reaction: Reaction | None, points: Array, shape: tuple[int, int]) -> _Reacting:
+        """To nothing yet, at points (n q, 3)."""
+        if reaction is None:
+            nothing = np.zeros((0, *shape, 3, 3))
+            return cls(nothing[..., 0], nothing, np.zeros(0), np.zeros((0, shape[0])))
+        fields, gradients = reaction.fields(points)
+        k = len(fields)
+        gradients = gradients.reshape(k, *shape, 3, 3)
+        return cls(fields.reshape(k, *shape, 3), gradients, reaction.signs, np.zeros((k, shape[0])))
+
+    def to(self, moments: Array) -> _Reacting:
+        """To moments (n, q, 3) at the points."""
+        return replace(self, weights=np.einsum("knqi,nqi->kn", self.fields, moments))
+
+    @cached_property
+    def flux(self) -> Array:
+        """Its flux density (n, q, 3), T."""
+        return np.einsum("k,kn,knqi->nqi", self.signs, self.weights, self.fields)
+
+    @cached_property
+    def slope(self) -> Array:
+        """Its gradient (n, q, 3, 3), T/m."""
+        return np.einsum("k,kn,knqij->nqij", self.signs, self.weights, self.gradients)
+
+    @property
+    def squares(self) -> Array:
+        """Sum of s w^2 (n,), J."""
+        return self.signs @ self.weights**2
+
+    def slopes(self, second: Array, dipoles: Array, by_field: Array, soft: Array) -> Array:
+        """Its share in dF/dx (3, 3), N/m, of one body: second (k, q, 3, 3, 3), second derivatives of the fields;
+        dipoles, moments (1, q, 3); of the soft pieces, the last of the points, dm/dB (1, p, 3, 3) and the whole
+        gradient (p, 3, 3)."""
+        first = len(dipoles[0]) - len(soft)
+        signs, moments, inside = self.signs, dipoles[0], self.fields[:, 0, first:]
+        pull = np.einsum("kqij,qi->kj", self.gradients[:, 0], moments)
+        # The weights follow the place, and so do moments of soft iron: (1 - b chi b s) dw = m . db + b chi dB.
+        moved = np.einsum("kpi,pij,pjl->kl", inside, by_field[0], soft)
+        coupled = np.eye(len(signs)) - np.einsum("kpi,pij,lpj->kl", inside, by_field[0], inside) * signs
+        change = np.linalg.solve(coupled, pull + moved)
+        slopes = np.einsum("k,k,kqijl,qi->jl", signs, self.weights[:, 0], second, moments)
+        return np.asarray(slopes + np.einsum("k,kj,kl->jl", signs, pull + moved, change))
 
 
 def _wrench(arms: Array, dipoles: Array, flux: Array, slope: Array) -> Array:

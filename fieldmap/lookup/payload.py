@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fieldmap.core.caller import caller
 from fieldmap.errors import InputError, Problem
@@ -25,9 +26,10 @@ _NONE = np.zeros((0, 3))
 
 def magnetic_body(
     payload: Payload | Magnet | SoftBody,
-    level: int = 1,
+    level: int | None = None,
     field: AnyField | None = None,
     tolerance: float = 1e-4,
+    places: ArrayLike | None = None,
 ) -> MagneticBody:
     """The magnetic body of a payload, a magnet or a soft body, about its centre.
 
@@ -39,11 +41,14 @@ def magnetic_body(
     payload
         The payload, magnet or soft body.
     level
-        Of the volume rule of each magnet (`volume_rule`); 1, a point dipole in its middle.
+        Of the volume rule of each magnet (`volume_rule`); 1, a point dipole in its middle. Unless given, the payload's
+        `volume_level`, 3 for a shape alone.
     field
-        Any field with a box, which chooses the rules instead, as `finite_magnet` does.
+        Any field, which chooses the rules instead, as `finite_magnet` does.
     tolerance
         Of that choice.
+    places
+        For that choice: centres (n, 3) of the payload, m; a field without a box needs them.
 
     Returns
     -------
@@ -55,22 +60,31 @@ def magnetic_body(
     InputError
         For soft iron whose material is a mere name, or is none of soft iron; and as for `finite_magnet` and
         `Payload.moment_vector`.
-    NotConverged
+    NotConverged, OutsideMapError
         As for `finite_magnet`.
 
     Examples
     --------
     >>> from fieldmap.device.payload import MagnetCylinder, Payload, SoftSphere
     >>> pair = Payload(mass=0.01, pieces=[MagnetCylinder(0.01, 0.01, 1.3), SoftSphere(4e-3, mu_r=1e3)])
-    >>> magnetic_body(pair, level=3).points.shape, round(magnetic_body(pair).moment, 4)
-    ((36, 3), 0.8125)
+    >>> magnetic_body(pair).points.shape, magnetic_body(pair, level=1).points.shape
+    ((36, 3), (1, 3))
+    >>> round(magnetic_body(pair).moment, 4)
+    0.8125
     """
 
     # Here, as in `_of_pieces`: maps are opened faster without the package of devices.
-    from fieldmap.device.payload import Magnet, SoftBody
+    from fieldmap.device.payload import Magnet, Payload, SoftBody
 
-    def rule(shape: Magnet) -> FiniteMagnet:
-        return volume_rule(shape, level) if field is None else finite_magnet(shape, field, tolerance)
+    if level is None:
+        level = payload.volume_level if isinstance(payload, Payload) else Payload.volume_level
+
+    def rule(shape: Magnet, arm: ArrayLike = (0.0, 0.0, 0.0)) -> FiniteMagnet:
+        return (
+            volume_rule(shape, level)
+            if field is None
+            else finite_magnet(shape, field, tolerance, places, arm)
+        )
 
     if isinstance(payload, Magnet):
         return rule(payload)
@@ -152,7 +166,7 @@ def _as_measured(magnet: FiniteMagnet, moment: float) -> FiniteMagnet:
     return magnet if abs(share - 1.0) < 1e-12 else replace(magnet, moments=share * magnet.moments)
 
 
-def _of_pieces(payload: Payload, rule: Callable[[Magnet], FiniteMagnet]) -> MagneticBody:
+def _of_pieces(payload: Payload, rule: Callable[[Magnet, ArrayLike], FiniteMagnet]) -> MagneticBody:
     from fieldmap.device.payload import Magnet, SoftBody
 
     points: list[Array] = [_NONE]
@@ -160,7 +174,10 @@ def _of_pieces(payload: Payload, rule: Callable[[Magnet], FiniteMagnet]) -> Magn
     errors = []
     for piece in payload.pieces:
         if isinstance(piece.shape, Magnet):
-            magnet, turn = rule(piece.shape), np.asarray(piece.placement.rotation, dtype=float)
+            magnet, turn = (
+                rule(piece.shape, piece.placement.position),
+                np.asarray(piece.placement.rotation, dtype=float),
+            )
             points.append(magnet.points @ turn.T + piece.placement.position)
             moments.append(magnet.moments @ turn.T)
             errors += [] if magnet.error is None else [magnet.error]

@@ -19,7 +19,9 @@ from fieldmap.device.model import Background, Coil, Device
 from fieldmap.iron import LinearSolution, NonlinearSolver, SolverReport
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
+from fieldmap.iron.reaction import ReactionFields
 from fieldmap.maps.forecast import Forecast
+from fieldmap.maps.training.currents import corner_signals
 from fieldmap.maps.training.hysteresis import train_along_paths
 from fieldmap.maps.training.plan import Plan
 from fieldmap.maps.training.solved_paths import PathSolver, SolvedPaths
@@ -38,6 +40,9 @@ PROBES_PER_EDGE = 7
 # Names under which a map's report states what it cost.
 SPENT = ("generation_seconds", "generation_processor_seconds")
 _FACES = [field.name for field in fields(ChargedFaces)]
+
+REACTION = "reaction"
+"""Key in the checkpoint of the iron's reaction to magnets."""
 
 Kept: TypeAlias = tuple[Mapping[str, Array], Mapping[str, Any]]
 
@@ -65,6 +70,19 @@ def to_arrays(solution: LinearSolution) -> Kept:
     state = solution.state
     about = {"has_remanence": solution.has_remanence, "report": asdict(solution.report)}
     return {} if state is None else _faces_to(state.faces, state.density), about
+
+
+def reaction_arrays(reaction: ReactionFields | None) -> Kept:
+    """Arrays and a plain description of the iron's reaction; no arrays where there is none."""
+    if reaction is None:
+        return {}, {}
+    names = ("repelled", "dipoles", "asymmetry", "error", "change")
+    return _faces_to(reaction.faces, reaction.charge), {name: getattr(reaction, name) for name in names}
+
+
+def reaction_from(arrays: Mapping[str, Array], about: Mapping[str, Any]) -> ReactionFields | None:
+    """The reaction of `reaction_arrays`."""
+    return ReactionFields(*_faces_from(arrays), **about) if arrays else None
 
 
 def from_arrays(device: Device, arrays: Mapping[str, Array], about: Mapping[str, Any]) -> LinearSolution:
@@ -139,13 +157,15 @@ def trained_arrays(
     reference: Array,
     grid: Grid,
     hysteresis: bool,
+    reaction: bool,
     checkpoint: Checkpoint,
     workers: Workers,
     say: Progress,
     forecast: Forecast,
 ) -> Kept:
     """Solve the states that are not in the checkpoint yet, and train on all of them. hysteresis: along paths of the
-    currents. say: told of the assembly; forecast: of all that comes after it.
+    currents. reaction: whether that of the iron to magnets is found, too, and kept. say: told of the assembly;
+    forecast: of all that comes after it.
 
     Raises NotConverged if fewer than half of the states could be solved, or none of those to try the model on; along
     paths if any could not be solved.
@@ -176,6 +196,13 @@ def trained_arrays(
         solved = SolvedStates(checkpoint, common, workers)
         trained = train(solver, domain, plan, points, reference, solved, forecast)
         surface = solver.surface
+    if reaction:
+        box, corners = (grid.lower, grid.upper), domain.parametrisation.currents(corner_signals(domain))
+        strongest = corners[np.linalg.norm(corners, axis=1).argmax()]
+        found = (
+            path_solver.solver.reaction_in(box) if hysteresis else solver.reaction_in(box, others=[strongest])
+        )
+        checkpoint.put(REACTION, *reaction_arrays(found))
     spent.add(solved.earlier_seconds, solved.earlier_processor_seconds)
     about = {
         "held_out_within": HELD_OUT * plan.accuracy,

@@ -19,10 +19,13 @@ from fieldmap.currents import CurrentDomain, LiftAndDirections
 from fieldmap.device.model import Device, WorkspaceBox
 from fieldmap.errors import FieldmapError, MapFileError, RecipeError
 from fieldmap.inputs.document import AtKey
-from fieldmap.iron import LinearSolution, check_geometry, solve_linear
+from fieldmap.iron import LinearSolution, check_geometry
+from fieldmap.iron.reaction import ReactionFields
+from fieldmap.iron.solvers.linear import solve_linear_and_reaction
 from fieldmap.maps.acceptance import require_accuracy
 from fieldmap.maps.error_bound import SOLVER_POINTS, certified_bounds, interpolation_error
 from fieldmap.maps.fields import (
+    REACTION,
     SPENT,
     Kept,
     SaturatingFields,
@@ -30,6 +33,8 @@ from fieldmap.maps.fields import (
     from_arrays,
     kept,
     peak_memory,
+    reaction_arrays,
+    reaction_from,
     to_arrays,
     trained_arrays,
     trained_map,
@@ -49,7 +54,17 @@ from fieldmap.maps.training.plan import Plan
 from fieldmap.parallel import Common, Workers, same_arithmetic
 from fieldmap.progress import shown_or_silent
 from fieldmap.provenance import fingerprint, library_versions
-from fieldmap.store import Checkpoint, Grid, MapInfo, MapWriter, Provenance, checkpoint_path, read_info
+from fieldmap.store import (
+    Checkpoint,
+    Grid,
+    MapInfo,
+    MapWriter,
+    Provenance,
+    StoredReaction,
+    checkpoint_path,
+    read_info,
+)
+from fieldmap.store.map_format import chunks_of
 from fieldmap.store.map_writer import what_decides
 from fieldmap.store.output_formats import output_problems
 from fieldmap.store.stated_accuracy import MissedAccuracy
@@ -204,7 +219,7 @@ def generate(
                 try:
                     writer = MapWriter(target, info, checkpoint)
                     if plan is None or domain is None:
-                        _linear(placed, order.mu_r, order.tolerance, order.refinement, writer, team, say)
+                        _linear(order, placed, writer, team, say)
                     else:
                         _saturating(order, placed, domain, plan, writer, team, say, accept_error)
                 except FieldmapError as error:
@@ -242,26 +257,24 @@ def _order(
     return order, read_recipe_device(order, changes)
 
 
-def _linear(
-    device: Device,
-    mu_r: float | None,
-    tolerance: float,
-    refinement: float,
-    writer: MapWriter,
-    workers: Workers,
-    say: Progress,
-) -> None:
+def _linear(order: Recipe, device: Device, writer: MapWriter, workers: Workers, say: Progress) -> None:
     """The map of linear iron."""
     forecast = Forecast(say, {"solving": 0.0, "nodes": 0.0, "certificate": 0.0})
+    grid, checkpoint = writer.info.grid, writer.checkpoint
 
     def tell(message: str, share: float) -> None:
         forecast.at("solving", message, share)
         _expect_fields(forecast, "solving")
 
     def solve() -> Kept:
-        return to_arrays(solve_linear(device, mu_r, tolerance, tell, refinement))
+        box = (grid.lower, grid.upper) if order.reaction else None
+        solution, reaction = solve_linear_and_reaction(
+            device, order.mu_r, order.tolerance, tell, order.refinement, box=box
+        )
+        checkpoint.put(REACTION, *reaction_arrays(reaction))
+        return to_arrays(solution)
 
-    solution = from_arrays(device, *kept(writer.checkpoint, "solution", solve))
+    solution = from_arrays(device, *kept(checkpoint, "solution", solve))
     _fill(writer, solution, workers, writer.info.field_scale, forecast)
 
 
@@ -284,8 +297,8 @@ def _saturating(
         _expect_fields(forecast, "assembling")
 
     info, checkpoint = writer.info, writer.checkpoint
-    hysteresis = order.model == "hysteresis"
-    solve = (device, domain, plan, order.refinement, info.reference_current, info.grid, hysteresis)
+    kind = order.model == "hysteresis", order.reaction
+    solve = (device, domain, plan, order.refinement, info.reference_current, info.grid, *kind)
     by = (checkpoint, workers, assembling, forecast)
     trained = trained_map(device, *kept(checkpoint, "trained model", trained_arrays, *solve, *by))
     accepted = require_accuracy(trained.about, plan, writer.target, accept_error)
@@ -319,13 +332,16 @@ def _fill(
         flux, gradient = (np.concatenate(arrays, axis=1) for arrays in zip(*pairs, strict=True))
         return flux, gradient
 
-    data = writer.data()
+    reaction = reaction_from(*kept(writer.checkpoint, REACTION, reaction_arrays, None))
+    data = replace(writer.data(), reaction=_at_nodes(reaction, writer.info.grid, workers))
     read = data.as_read()
     error = interpolation_error(read, unit_fields)
     bounds = certified_bounds(read, unit_fields, largest_weights)
     require_use(read, error, bounds)
     report: dict[str, Any] = asdict(fields.report) | dict(about)
     assumptions = report.pop("assumptions")
+    if reaction is not None:
+        report["reaction"] = {"fields": len(reaction.charge), **reaction_arrays(reaction)[1]}
     if spent is not None:
         report |= {**spent.read(), **peak_memory()}
     if accepted is not None:
@@ -335,6 +351,23 @@ def _fill(
     # The workers and the machine that finished it. They do not affect its numbers if all processors are of one kind.
     report |= {"workers": str(workers), "machine": f"{platform.system()}, {platform.machine()}"}
     writer.finish(report, assumptions, error, bounds, data)
+
+
+def _at_nodes(reaction: ReactionFields | None, grid: Grid, workers: Workers) -> StoredReaction | None:
+    """The fields of the reaction at the nodes, rounded as a file holds them."""
+    if reaction is None:
+        return None
+    chunks = [grid.points(chunk.first, chunk.last) for chunk in chunks_of(grid)]
+    pairs = workers.results(_reaction_fields, chunks, Common.of(reaction))
+    arrays = (
+        np.concatenate(parts, axis=1).astype(np.float32).astype(float) for parts in zip(*pairs, strict=True)
+    )
+    flux, gradient = (values.reshape(len(values), *grid.shape, *values.shape[2:]) for values in arrays)
+    return StoredReaction(flux, gradient, reaction.repelled)
+
+
+def _reaction_fields(reaction: ReactionFields, points: Array) -> tuple[Array, Array]:
+    return reaction.fields(points)
 
 
 def _unit_fields(fields: Fields, points: Array) -> tuple[Array, Array]:

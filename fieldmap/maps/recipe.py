@@ -132,6 +132,9 @@ class IronOfMap(IronModel):
             "that the map remembers earlier currents",
         ),
     ] = "linear"
+    reaction: Annotated[
+        bool, Key(bool, "whether the map holds the iron's reaction to magnets, so that they are drawn to it")
+    ] = True
 
 
 def _range(value: Any) -> Any:
@@ -295,9 +298,9 @@ class Recipe(Record):
 
     What map to make, in SI. device: as written, path or shipped name. spacing (3,) in m, an upper limit. lower, upper
     (3,) in m, or None for the device's workspace. mu_r: None for the initial slope of the device's B-H table.
-    refinement: divides the device's mesh sizes. model: of the iron. reference_current: A, or None for the usual one.
-    file_name: of the map. path and text: the file as read. currents: the domain and the training where the iron
-    saturates, None where it is linear.
+    refinement: divides the device's mesh sizes. model: of the iron. reaction: whether the map holds the iron's reaction
+    to magnets. reference_current: A, or None for the usual one. file_name: of the map. path and text: the file as read.
+    currents: the domain and the training where the iron saturates, None where it is linear.
     """
 
     path: Path
@@ -315,6 +318,7 @@ class Recipe(Record):
     reference_current: float | None
     file_name: str
     model: str = "linear"
+    reaction: bool = True
     currents: CurrentPlan | None = None
 
     @property

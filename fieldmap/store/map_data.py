@@ -11,6 +11,9 @@ from fieldmap.records import Record
 from fieldmap.store.reduced_model import ReducedModel
 from fieldmap.typing import Array
 
+REACTION_FIELDS = 64
+"""Most fields of a reaction: those that the C core has room for."""
+
 NO_CURRENT = "no current"
 """Name of the constant field of a map; no name of a coil has a space."""
 
@@ -209,6 +212,39 @@ class MapInfo(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class StoredReaction(Record):
+    """Fields on a grid that span the iron's reaction to magnets (`fieldmap.reaction`).
+
+    Attributes
+    ----------
+    flux_density : (k, nx, ny, nz, 3), T/sqrt(J).
+    gradient : (k, nx, ny, nz, 3, 3), T/(m sqrt(J)).
+    repelled : of how many fields, the last, the sign is -1.
+    """
+
+    flux_density: Array
+    gradient: Array
+    repelled: int = 0
+
+    def on(self, grid: Grid) -> "MapData":
+        """The fields as a map of their own, as if each were that of a coil at 1 A.
+
+        Parameters
+        ----------
+        grid
+            Of the map.
+
+        Returns
+        -------
+        MapData
+            The map.
+        """
+        names = tuple(map(str, range(len(self.flux_density))))
+        unit = np.ones(len(names))
+        return MapData(grid, names, unit, flux_density=self.flux_density, gradient=self.gradient)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class MapData(MapInfo):
     """A map: fields on a grid, those of the coils per ampere.
 
@@ -219,6 +255,7 @@ class MapData(MapInfo):
     ----------
     flux_density : (n_fields, nx, ny, nz, 3), T/A for coils.
     gradient : (n_fields, nx, ny, nz, 3, 3), T/(m A) for coils; gradient[..., i, j] = dB_i/dx_j.
+    reaction : of the iron to magnets; None where it is not known.
 
     Raises
     ------
@@ -228,6 +265,7 @@ class MapData(MapInfo):
 
     flux_density: Array = field(kw_only=True)
     gradient: Array = field(kw_only=True)
+    reaction: StoredReaction | None = field(kw_only=True, default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()

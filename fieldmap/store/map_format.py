@@ -23,6 +23,10 @@ NODES_PER_CHUNK = 1000
 MESHES = "/data/0/meshes"
 OWN = "/fieldmap"
 REDUCED_MODEL = f"{OWN}/reduced_model"
+REACTION = f"{OWN}/reaction"
+"""Group of the fields of the iron's reaction to magnets: data sets like those of `StoredReaction`, float32; attribute
+`repelled`. Readers that do not know it read a map without."""
+REPELLED = "repelled"
 PARAMETRISATION = "parametrisation"
 """Attribute of the reduced model, JSON: name and parameters of the parametrisation of the currents."""
 DIVISION_EXPONENT = "division_exponent"

@@ -23,13 +23,15 @@ from fieldmap.errors import InputError, MapFileError, Problem
 from fieldmap.file_contents import file_in_words, head_of
 from fieldmap.shipped import is_file, shipped_file
 from fieldmap.store.checkpoint import SUFFIX
-from fieldmap.store.map_data import Grid, MapData, MapInfo
+from fieldmap.store.map_data import REACTION_FIELDS, Grid, MapData, MapInfo, StoredReaction
 from fieldmap.store.map_format import (
     DIVISION_EXPONENT,
     OWN,
     PARAMETRISATION,
     QUANTITIES,
+    REACTION,
     REDUCED_MODEL,
+    REPELLED,
     UNREADABLE,
     VERSIONS,
     Quantity,
@@ -154,7 +156,8 @@ def read_map(path: str | os.PathLike[str]) -> MapData:
             for quantity in QUANTITIES:
                 check_attributes(file, quantity.path(record), wanted)
         arrays = {quantity.name: _values(file, quantity, records, info) for quantity in QUANTITIES}
-        return MapData(**vars(info), **arrays)
+        reaction = _read_reaction(file, info.grid) if is_hard(file, REACTION.strip("/")) else None
+        return MapData(**vars(info), **arrays, reaction=reaction)
 
 
 def read_info(path: str | os.PathLike[str]) -> MapInfo:
@@ -265,6 +268,21 @@ def _read_reduced_model(file: h5py.File) -> ReducedModel:
     there = [name for name in ARRAYS if name not in OPTIONAL or name in group]
     arrays = {name: np.ascontiguousarray(stored(file, f"{REDUCED_MODEL}/{name}", "fi")[()]) for name in there}
     return ReducedModel(**arrays, parametrisation=_parametrisation(file, len(arrays["source"].T)))
+
+
+def _read_reaction(file: h5py.File, grid: Grid) -> StoredReaction:
+    """Read the fields of the iron's reaction to magnets. Raises Refused."""
+    repelled, read = int(hard(file, REACTION).attrs[REPELLED]), {}
+    for name, tail in (("flux_density", (3,)), ("gradient", (3, 3))):
+        data = stored(file, f"{REACTION}/{name}", "f")
+        wanted = (*data.shape[:1], *grid.shape, *tail)
+        if data.shape != wanted or not max(repelled, 1) <= len(data) <= REACTION_FIELDS:
+            must_hold = f"{REACTION}/{name}: shape {wanted}, of {REACTION_FIELDS} fields at most"
+            raise Refused(must_hold, f"{data.shape}, {repelled} of them negative", REMAKE)
+        read[name] = _finite(data).astype(np.float64)
+    if len({len(values) for values in read.values()}) != 1 or repelled < 0:
+        raise Refused(f"{REACTION}: as many gradients as flux densities", "other numbers", REMAKE)
+    return StoredReaction(**read, repelled=repelled)
 
 
 def _parametrisation(file: h5py.File, coils: int) -> CurrentParametrisation:

@@ -18,12 +18,14 @@ import numpy as np
 
 from fieldmap.errors import MapFileError
 from fieldmap.store.checkpoint import Checkpoint, checkpoint_path
-from fieldmap.store.map_data import FieldError, MapData, MapInfo
+from fieldmap.store.map_data import FieldError, MapData, MapInfo, StoredReaction
 from fieldmap.store.map_format import (
     DIVISION_EXPONENT,
     OWN,
     PARAMETRISATION,
+    REACTION,
     REDUCED_MODEL,
+    REPELLED,
     Chunk,
     chunks_of,
     format_of,
@@ -99,6 +101,7 @@ def _write(file: h5py.File, data: MapData) -> None:
     write_text(file, "recipe", data.provenance.recipe_text)
     write_text(file, "device", data.provenance.device_text)
     _write_reduced_model(file, data.reduced_model)
+    _write_reaction(file, data.reaction)
     completion = own.create_group("completion")
     completion.attrs["complete"] = np.uint8(1)
     completion["chunks"] = np.ones(len(chunks_of(data.grid)), dtype=np.uint8)
@@ -119,6 +122,17 @@ def _write_reduced_model(file: h5py.File, model: ReducedModel | None) -> None:
         missing = -1 if name in INTEGER else np.nan
         checked = {"fletcher32": True, "fillvalue": missing} if values.size else {}
         group.create_dataset(name, data=values, **checked)
+
+
+def _write_reaction(file: h5py.File, reaction: StoredReaction | None) -> None:
+    """Write the fields of the reaction with checksums; nothing if there is none."""
+    if reaction is None:
+        return
+    group = file.create_group(REACTION)
+    group.attrs[REPELLED] = np.int64(reaction.repelled)
+    for name in ("flux_density", "gradient"):
+        values = getattr(reaction, name).astype(np.float32)
+        group.create_dataset(name, data=values, fletcher32=True, fillvalue=np.nan)
 
 
 class MapWriter:

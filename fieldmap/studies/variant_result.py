@@ -191,9 +191,10 @@ class OperatingPoint:
 
     @property
     def payload(self) -> Payload:
-        """The payload; the checks of studies and designs have seen to it that there is one."""
+        """The payload, its magnets point dipoles, as derivatives of designs take them; the checks of studies and
+        designs have seen to it that there is one."""
         assert self.device.payload is not None
-        return self.device.payload
+        return replace(self.device.payload, volume_level=1)
 
     @property
     def current_limit(self) -> float:

@@ -1,6 +1,7 @@
 """The drive unit with saturating iron, in the states and on the rays of currents that S11 to S15 ask for."""
 
 from abc import abstractmethod
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
@@ -168,10 +169,14 @@ def unit_rays() -> UnitRays:
 
 
 def payload() -> Payload:
-    """The microrobot."""
-    carried = unit_states().device.payload
-    assert carried is not None
-    return carried
+    """The microrobot, a point dipole, as the thesis takes it (2-11)."""
+    return as_dipole(unit_states().device)
+
+
+def as_dipole(device: Device) -> Payload:
+    """The payload of a device, its magnet a point dipole."""
+    assert device.payload is not None
+    return replace(device.payload, volume_level=1)
 
 
 def lift_share(field: FieldLike, z_s: float, h: float, currents: float | Array) -> float:

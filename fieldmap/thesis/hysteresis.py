@@ -30,7 +30,7 @@ from fieldmap.records import Record
 from fieldmap.thesis import detail
 from fieldmap.thesis.computation import Answers
 from fieldmap.thesis.detail import FOLDER
-from fieldmap.thesis.drive_unit import LOWER, PACKAGES, UPPER
+from fieldmap.thesis.drive_unit import LOWER, PACKAGES, UPPER, as_dipole
 from fieldmap.thesis.equilibrium_shift import Axis, Rule, both_ways, curve, divided
 from fieldmap.thesis.kept import Kept
 from fieldmap.thesis.printed import shared_value
@@ -184,7 +184,7 @@ def _settled(
         state = solver.step(protocol.currents(level, signal), memory, near=state)
         # A state knows its own currents only, so the path has one of them.
         at, field = (state.currents, protocol.height), as_field(state, (LOWER, UPPER))
-        point, _ = equilibrium_at(field, solver.device.payload, lambda _, at=at: at, near, protocol.level)
+        point, _ = equilibrium_at(field, as_dipole(solver.device), lambda _, at=at: at, near, protocol.level)
         if target is None or abs(point.lift / target - 1.0) < _LIFT_TOLERANCE:
             break
         tried.append((np.log(level), np.log(point.lift / target)))

@@ -13,7 +13,7 @@ from fieldmap.iron import NonlinearSolution, NonlinearSolver, solve_linear
 from fieldmap.levitation import lift_current
 from fieldmap.store import Grid
 from fieldmap.thesis.computation import Answers
-from fieldmap.thesis.drive_unit import harmonic_map
+from fieldmap.thesis.drive_unit import as_dipole, harmonic_map
 from fieldmap.thesis.equilibrium_shift import AXES
 from fieldmap.thesis.vertical_sensor import magnet_height
 from fieldmap.typing import Array
@@ -65,7 +65,7 @@ def _linear_map(lower_z: float, upper_z: float) -> Field:
 def _linear_plant(sensor_mm: float, offset_mm: float, n: float) -> MapPlant:
     """At the lift current of linear iron; signals u (A), x_ctrl, y_ctrl."""
     field = _linear_map(magnet_height(sensor_mm, 0.028), magnet_height(sensor_mm, 0.004))
-    payload = read_device(_DEVICE).payload
+    payload = as_dipole(read_device(_DEVICE))
     point = _point(sensor_mm, offset_mm)
     return _plant(field, point, lift_current(field, payload, point).current, n)
 
@@ -76,7 +76,9 @@ def _plant(
     """At equal currents in all coils."""
     currents = np.full(len(field.coil_names), current)
     signals = LiftAndDirections(n).derivative([current, 0.0, 0.0])
-    return plant_from_map(field, read_device(_DEVICE).payload, point, currents, signals, signal_steps=steps)
+    return plant_from_map(
+        field, as_dipole(read_device(_DEVICE)), point, currents, signals, signal_steps=steps
+    )
 
 
 @cache
@@ -94,7 +96,7 @@ def _saturating_plant(
     the steps of the latter over which the forces of saturating iron are differenced."""
     field, at = _states(sensor_mm, offset_mm), _point(sensor_mm, offset_mm)
     if current is None:
-        current = lift_current(field, read_device(_DEVICE).payload, at, first=3.5).current
+        current = lift_current(field, as_dipole(read_device(_DEVICE)), at, first=3.5).current
     return _plant(field, at, current, n, [0.02, *steps])
 
 

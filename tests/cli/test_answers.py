@@ -81,9 +81,8 @@ def test_several_points_give_a_list(answer, machine):
 def test_lift_current_at_a_height(answer, machine, source):
     found = answer("equilibrium --height-mm -95", getattr(machine, source))
     assert found["lift_current"] == pytest.approx(lift_current(-0.095), rel=1e-3)
-    assert found["sensor_mm"] == pytest.approx(95 - 77 - 5)
-    by_sensor = answer("equilibrium --sensor-mm 13", getattr(machine, source))
-    assert by_sensor["position"] == pytest.approx(found["position"])
+    # Nobody measured its sensor.
+    assert found["sensor_mm"] is None
 
 
 @pytest.mark.parametrize("source", ["device", "map"])

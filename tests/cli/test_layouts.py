@@ -208,6 +208,7 @@ def test_equilibrium_of_states(printed, golden, monkeypatch):
             stiffness=np.diag([1.1, 1.2, -2.3]),
             held="moment down, fixed",
             field=np.array([0.001, 0.002, 0.0123]),
+            volume_error=0.0,
             assumptions=("states of saturating iron",),
             history=((1.0, 0.0335), (4.0, 0.0971), (4.2, 0.0981)),
         )

@@ -19,7 +19,7 @@ from fieldmap.currents import divide_currents
 from fieldmap.interpolants.form import contract, header
 from fieldmap.lookup.current_solver import compiled_model
 from tests.core.iron_cases import CASES
-from tests.core.map_cases import CURRENTS, GRID, KINDS, block_of
+from tests.core.map_cases import CURRENTS, GRID, KINDS, block_of, no_reaction
 from tests.core.test_soft_iron import DIPOLES, POSE, pieces
 
 POINT = np.array([-0.2, 0.25, 1.1])
@@ -150,7 +150,7 @@ def wrench_of_weights(block, body, points, weights):
     flux, gradient = np.empty((len(points), n, 3)), np.empty((len(points), n, 3, 3))
     CoreMap(block).each_field(points, flux, gradient)
     wrench, slopes = np.empty(6), np.empty((6, n))
-    body.wrench_slopes(POSE, weights, flux, gradient, wrench, slopes)
+    body.wrench_slopes(POSE, weights, (flux, gradient), no_reaction(flux), wrench, slopes)
     return wrench, slopes
 
 

@@ -9,7 +9,7 @@ from fieldmap.constants import MU0
 from fieldmap.core import CoreMap
 from fieldmap.core.body import CoreBody
 from fieldmap.core.mujoco import Layout, Magnet, Task, callback
-from tests.core.map_cases import CURRENTS, block_of
+from tests.core.map_cases import CURRENTS, block_of, no_reaction
 from tests.core.test_soft_iron import DIPOLES, POSE, pieces
 
 ORIGIN = np.array([0.5, -0.25, 0.125])
@@ -54,7 +54,7 @@ def by_map(block, body, points, number, weights=CURRENTS):
     flux, gradient = np.empty((len(points), 2, 3)), np.empty((len(points), 2, 3, 3))
     CoreMap(block).each_field(where, flux, gradient)
     wrench = np.empty(6)
-    body.wrench_slopes(TURNS[number], weights, flux, gradient, wrench, np.empty((6, 2)))
+    body.wrench_slopes(TURNS[number], weights, (flux, gradient), no_reaction(flux), wrench, np.empty((6, 2)))
     return wrench
 
 

@@ -10,6 +10,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
 from fieldmap.core.body import CoreBody, Soft
+from tests.core.map_cases import no_reaction
 
 FACTORS = np.array([0.5, 0.3, 0.2])
 KNOTS = np.array([0.0, 1e-3, 4e-3, 0.1])
@@ -112,7 +113,7 @@ def test_bodies_at_several_poses():
 def loaded(body, weights, flux, gradient, turn=POSE):
     """Wrench (6,) and its slopes (6, k)."""
     wrench, slopes = np.empty(6), np.empty((6, len(weights)))
-    body.wrench_slopes(turn, weights, flux, gradient, wrench, slopes)
+    body.wrench_slopes(turn, weights, (flux, gradient), no_reaction(flux), wrench, slopes)
     return wrench, slopes
 
 

@@ -28,7 +28,7 @@ def test_shifts_count_from_what_was_read_at_signal_0():
 @pytest.mark.parametrize("reading", [0.0, 12.5, 40.0])
 @pytest.mark.parametrize("offset", [0.0, 0.015])
 def test_reading_and_height_are_inverse(reading, offset):
-    machine = measured_machine()
+    machine = measured_machine("drive_unit")
     assert machine.reading_mm(machine.height(reading, offset), offset) == pytest.approx(reading, abs=1e-12)
     # Downward: 1 mm more reading is 1 mm less height.
     assert machine.height(reading + 1.0, offset) - machine.height(reading, offset) == pytest.approx(-1e-3)

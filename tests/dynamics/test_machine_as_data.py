@@ -189,14 +189,14 @@ def test_what_ends_a_run(ending, contacts):
 
 
 def test_limits_of_outputs_unless_they_are_given():
-    """Of a division 10 V and 0.4; of a matrix what the amplifiers give over their gain, 3.3 A here, and 1."""
+    """What the amplifiers give over their gain, 3.3 A here, and 1; of a matrix downward too beside magnets."""
     amplifier = replace(AMPLIFIER, offset=0.0)
     plain = replace(machine(), drive=CoilDrive(amplifier, 2))
     most = amplifier.largest_current / 0.4
     for constant, divided, lower, upper in (
         (False, False, [0.0, -1.0, -1.0], [most, 1.0, 1.0]),
         (True, False, [-most, -1.0, -1.0], [most, 1.0, 1.0]),
-        (True, True, [0.0, -0.4, -0.4], [10.0, 0.4, 0.4]),
+        (True, True, [0.0, -1.0, -1.0], [most, 1.0, 1.0]),
     ):
         one = replace(plain, magnetic=SimpleNamespace(assumptions=(), constant=constant))
         one = replace(one, allocation=lift_and_directions(1.3)) if divided else one

@@ -13,7 +13,7 @@ import fieldmap as fm
 from fieldmap.currents import LiftAndDirections
 from fieldmap.dynamics import MatrixAllocation, Sensors, prepare, read_scenario, run_metrics, simulate
 from fieldmap.dynamics.motion import state_of
-from fieldmap.dynamics.scenario import reading_mm, start
+from fieldmap.dynamics.scenario import reading_mm
 from fieldmap.dynamics.scenario.experiment import _begin
 from fieldmap.dynamics.scenario.metrics import _step
 from fieldmap.dynamics.scenario.references import control_times, references
@@ -275,22 +275,6 @@ def test_open_loop_signals_and_disturbances_act(written):
 def test_a_field_too_weak_is_told(written):
     with refused(Infeasible, where=": start"):
         prepare(read_scenario(written(), {"field.scale": 0.1}))
-
-
-def test_a_start_on_saturating_iron_is_looked_for_where_equal_currents_carry_the_body(monkeypatch):
-    """dBz/dz = 0.3 tanh(i), which carries the weight at i = artanh(weight / (0.3 moment scale))."""
-    monkeypatch.setattr(start, "division_domain", lambda _: None)
-    opened = SimpleNamespace(
-        coil_names=tuple("123456"),
-        fixed_sources=(),
-        parametrisation=None,
-        info=SimpleNamespace(reduced_model=None),
-        gradient=lambda _, currents: np.diag([0.0, 0.0, 0.3 * np.tanh(currents[0])]),
-    )
-    magnet = SimpleNamespace(soft=False, moments=np.array([[0.0, 0.0, 0.8]]))
-    body = SimpleNamespace(mass=0.01, gravity=9.8, magnet=magnet)
-    found = start.Lift(opened, None, body, 0.75, None, False)._equal(np.zeros(3))
-    assert found == pytest.approx(np.full(6, np.arctanh(0.098 / (0.3 * 0.8 * 0.75))), rel=0.03)
 
 
 @pytest.mark.parametrize(

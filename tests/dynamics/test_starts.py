@@ -7,171 +7,140 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fieldmap.currents import IndependentCurrents
-from fieldmap.dynamics import prepare, read_scenario
+from fieldmap.dynamics import MatrixAllocation, lift_and_directions, prepare, read_scenario
 from fieldmap.dynamics.linearisation import moved_state
 from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.operating_point import is_step
 from fieldmap.dynamics.scenario import simulate_batches, start
 from fieldmap.dynamics.scenario.controllers import Constant, Lqg, Pid
 from fieldmap.dynamics.scenario.experiment import _of_axes
-from fieldmap.dynamics.scenario.start import Lift, floating_at, outputs_near
-from fieldmap.errors import Infeasible, NotConverged, Problem, ScenarioError
+from fieldmap.dynamics.scenario.start import allocation_about, carrying, easy_height, floating_at
+from fieldmap.errors import Infeasible, OutsideMapError, Problem, ScenarioError
 from tests.refusals import refused
 
-UP = SimpleNamespace(soft=(), moment=0.8, moments=np.array([[0.0, 0.0, 0.8]]))
-BODY = SimpleNamespace(mass=0.01, gravity=9.8, magnet=UP, upright=False)
+UP = SimpleNamespace(soft=(), moments=np.array([[0.0, 0.0, 0.8]]))
 LIMITS = np.array([-2.0, -3.0]), np.array([4.0, 5.0])
+LOWER, UPPER = np.array([-0.01, -0.01, -0.1434567]), np.array([0.01, 0.02, 0.0034567])
 
 
-def lift(opened=None, body=BODY, scale=0.5, divided=False):
-    box = {"lower": np.array([-0.01, -0.02, -0.1234567]), "upper": np.array([0.01, 0.02, -0.05])}
-    about = {"coil_names": ("a", "b"), "fixed_sources": (), "parametrisation": None, "info": None}
-    return Lift(SimpleNamespace(**(about | box | (opened or {}))), None, body, scale, LIMITS, divided)
+def balance(currents, along=1.0, upright=False, **more):
+    """What a start asks of a `WeightBalance`: these currents at a place, in a field along the z axis."""
+    field = {
+        "lower": LOWER,
+        "upper": UPPER,
+        "field": lambda *_: np.array([0.0, 0.0, along]),
+        "fixed_sources": (),
+    }
+    body = SimpleNamespace(magnet=UP, upright=upright)
+    return SimpleNamespace(field=SimpleNamespace(**field | more), body=body, limits=LIMITS, currents=currents)
 
 
-@pytest.mark.parametrize("place", [(0.0101, 0.0, -0.07), (0.0, -0.0201, -0.07), (0.0, 0.0, -0.0499)])
+@pytest.mark.parametrize("place", [(0.0101, 0.0, -0.07), (0.0, -0.0101, -0.07), (0.0, 0.0, 0.0035)])
 def test_a_start_beside_the_map_is_told_with_its_corners(place):
-    with pytest.raises(ScenarioError) as caught:
-        lift().currents(np.array(place))
+    with refused(ScenarioError, where="here") as caught:
+        carrying(balance(None), np.array(place), "here")
     (told,) = caught.value.problems
     assert told.received == f"the magnet at {[round(1e3 * p, 3) for p in place]} mm"
-    assert "[-10.0, -20.0, -123.457] to [10.0, 20.0, -50.0] mm" in told.must_hold
+    assert "[-10.0, -10.0, -143.457] to [10.0, 20.0, 3.457] mm" in told.must_hold
 
 
-@pytest.mark.parametrize("fails", [0, 1, 2, 3])
-def test_currents_for_soft_iron_drop_one_condition_after_the_other(fails):
-    """No horizontal force and nine tenths of the limits, in the map's own currents; no limits; any horizontal force."""
-    asked, body = [], replace_of(BODY, magnet=SimpleNamespace(soft=("bead",), moments=np.zeros((0, 3))))
+def test_a_body_that_sticks_out_of_the_map_is_told():
+    def currents(place):
+        raise OutsideMapError.of("a", "b", "c", "d")
 
-    def currents_for(point, force, magnet, limits):
-        asked.append((force.tolist(), None if limits is None else np.array(limits).tolist()))
-        if len(asked) <= fails:
-            error = (Infeasible, NotConverged)[len(asked) % 2]
-            raise error(Problem("map", f"must hold {len(asked)}", "r", "m"))
-        return np.array([1.0, 2.0])
-
-    one = lift({"currents_for": currents_for}, body)
-    if fails == 3:
-        with refused(Infeasible, must_hold="must hold 3"):
-            one._for_soft_iron(np.zeros(3))
-    else:
-        np.testing.assert_allclose(one._for_soft_iron(np.zeros(3)), [2.0, 4.0])
-    held = [[-0.9, -1.35], [1.8, 2.25]]
-    weight = pytest.approx(0.098)
-    expected = [([0.0, 0.0, weight], pytest.approx(np.array(held))), ([0.0, 0.0, weight], None)]
-    for (force, limits), (wanted, within) in zip(asked, expected, strict=False):
-        assert force == wanted
-        assert (limits is None) is (within is None)
-        if limits is not None:
-            np.testing.assert_allclose(limits, held)
-    if len(asked) > 2:
-        assert np.isnan(asked[2][0][:2]).all()
-        assert (asked[2][0][2], asked[2][1]) == (weight, None)
+    with refused(ScenarioError, where="here"):
+        carrying(balance(currents), np.zeros(3), "here")
+    with refused(ScenarioError, where="here"):
+        easy_height(balance(currents), 0.0, 0.0, "here")
+    # Heights at which it fits are left.
+    fits = balance(lambda place: currents(place) if place[2] > -0.1 else np.ones(2))
+    assert -0.11 < easy_height(fits, 0.0, 0.0, "here") < -0.1
 
 
-def replace_of(namespace, **changes):
-    return SimpleNamespace(**(vars(namespace) | changes))
-
-
-def test_the_height_of_a_start_is_the_nearest_to_the_middle_that_takes_half_of_the_currents(monkeypatch):
+def test_the_height_of_a_start_is_the_nearest_to_the_middle_that_takes_half_of_the_currents():
     """4 and 5 A last upward, 2 and 3 A downward; what a height takes grows with its distance from -60 mm."""
-    box = {"lower": np.array([-0.01, -0.01, -0.14]), "upper": np.array([0.01, 0.01, 0.0])}
 
-    def currents(self, point):
-        if point[2] < -0.115:
-            raise Infeasible.of("x", "y", "z", "w")
-        return np.array([1.0, -1.0]) * (point[2] + 0.06) * scale[0] / 0.01
+    def needing(amperes, lowest=-0.115):
+        def currents(place):
+            if place[2] < lowest:
+                share = 0.5 + float(place[2])
+                raise Infeasible(Problem("x", "y", f"{share:.4f}", "w"), share=share)
+            return np.array([1.0, -1.0]) * (place[2] + 0.06) * amperes / 0.01
 
-    along = {"field": lambda point, amperes: np.array([0.0, 0.0, 1.0])}
-    monkeypatch.setattr(Lift, "currents", currents)
-    scale = [0.0]
-    one = lift(box | along)
-    # Twenty-one heights over nine tenths of the box.
-    heights = np.linspace(-0.14 + 0.007, -0.007, 21)
-    assert one.height(0.0, 0.0) == pytest.approx(-0.07)
-    scale[0] = 3.0
-    # The worse of |i| / 4 and |i| / 3 above -60 mm, of |i| / 2 and |i| / 5 below: half at 5 mm above, 3.3 mm below.
+        return currents
+
+    assert easy_height(balance(needing(0.0)), 0.0, 0.0, "") == pytest.approx(-0.07)
+    # Twenty-one heights over nine tenths of the box. The worse of |i| / 4 and |i| / 3 above -60 mm, of |i| / 2 and
+    # |i| / 5 below: half at 5 mm above, 3.3 mm below.
+    room = 0.05 * (UPPER[2] - LOWER[2])
+    heights = np.linspace(LOWER[2] + room, UPPER[2] - room, 21)
     share = np.where(heights > -0.06, 1.0 / 3.0, 1.0 / 2.0) * np.abs(heights + 0.06) * 300
     easy = heights[share <= 0.5]
-    assert one.height(0.0, 0.0) == pytest.approx(easy[np.abs(easy + 0.07).argmin()])
-    scale[0] = 100.0
-    least = heights[np.abs(heights + 0.06).argmin()]
-    assert one.height(0.0, 0.0) == pytest.approx(least)
-    # A moment against the field would turn over; of a body that stays upright it may.
-    against = lift(box | {"field": lambda point, amperes: np.array([0.0, 0.0, -1.0])})
-    assert against.height(0.0, 0.0) == pytest.approx(-0.07)
-    upright = replace(against, body=replace_of(BODY, upright=True))
-    assert upright.height(0.0, 0.0) == pytest.approx(least)
-
-
-@pytest.mark.parametrize(("fixed", "expected"), [((), 0.5), (("magnet",), -1.5)])
-def test_equal_currents_on_saturating_iron_beside_what_no_current_drives(monkeypatch, fixed, expected):
-    """dBz/dz = 2 g (i + off): levels from 0.3 to 3 A, or from -3 to 3 where a magnet lifts as well."""
-    monkeypatch.setattr(start, "division_domain", lambda _: None)
-    needed = 0.098 / (0.8 * 0.5)
-    opened = {
-        "fixed_sources": fixed,
-        "parametrisation": IndependentCurrents(2),
-        "info": SimpleNamespace(
-            reduced_model=SimpleNamespace(lower=np.array([-3.0, -4.0]), upper=np.array([3.0, 5.0]))
-        ),
-        "gradient": lambda _, amperes: np.diag([0.0, 0.0, needed * (1.0 + amperes[0] - expected)]),
-    }
-    np.testing.assert_allclose(lift(opened)._equal(np.zeros(3)), [expected, expected], rtol=1e-9)
-    # A field that falls with the currents: the same level, from the other end.
-    if fixed:
-        falls = opened | {"gradient": lambda _, i: np.diag([0.0, 0.0, needed * (1.0 - i[0] + expected)])}
-        np.testing.assert_allclose(lift(falls)._equal(np.zeros(3)), [expected, expected], rtol=1e-9)
-    weak = opened | {"gradient": lambda _, amperes: np.diag([0.0, 0.0, 0.01 * needed * amperes[0]])}
-    with pytest.raises(Infeasible) as caught:
-        lift(weak)._equal(np.zeros(3))
-    assert caught.value.problems[0].received == "0.03 of the weight at most"
-    assert ("-3" in caught.value.problems[0].must_hold) is bool(fixed)
-    assert "to 3 A" in caught.value.problems[0].must_hold
-
-
-def test_currents_of_least_power_carry_what_the_magnets_leave(monkeypatch):
-    force = np.array([[0.1, -0.1], [0.0, 0.0], [0.2, 0.2]])
-    monkeypatch.setattr(start, "force_per_ampere", lambda *_: force)
-    one = lift({"constant_gradient": lambda _: np.diag([0.0, 0.0, 0.03])})
-    # 0.5 of 0.4 N/A of both coils with 1 A each; the magnets carry 0.5 0.8 0.03 N where they count.
-    np.testing.assert_allclose(one._least_power(np.zeros(3)), [0.098 / 0.2] * 2)
-    beside = lift({"constant_gradient": lambda _: np.diag([0.0, 0.0, 0.03]), "fixed_sources": ("m",)})
-    np.testing.assert_allclose(beside._least_power(np.zeros(3)), [(0.098 - 0.012) / 0.2] * 2)
-    # The scale of the signals: the largest current over the gain, or that of the weight alone beside magnets.
-    matrix = one.allocation(np.zeros(3), np.array([0.5, 0.25]), 0.4).matrix
-    np.testing.assert_allclose(matrix[:, 0], [1.0, 0.5])
-    np.testing.assert_allclose(matrix[:, 1], [0.5 / 0.4, -0.5 / 0.4])
-    matrix = beside.allocation(np.zeros(3), np.array([0.5, 0.25]), 0.4).matrix
-    np.testing.assert_allclose(matrix[:, :2], [[1.0, 0.098 / 0.2 / 0.4], [1.0, -0.098 / 0.2 / 0.4]])
-
-
-def test_the_first_guess_of_the_outputs():
-    allocation = SimpleNamespace(voltages=lambda outputs: outputs[0] * np.array([1.0, 0.5]))
-    machine = SimpleNamespace(
-        allocation=allocation, drive=SimpleNamespace(amplifier=SimpleNamespace(gain=0.4))
+    assert easy_height(balance(needing(3.0)), 0.0, 0.0, "") == pytest.approx(
+        easy[np.abs(easy + 0.07).argmin()]
     )
-    plain, beside = SimpleNamespace(fixed_sources=()), SimpleNamespace(fixed_sources=("m",))
-    currents = np.array([-2.0, 1.0])
-    assert outputs_near(machine, plain, currents) == [5.0, 0.0, 0.0]
-    # The projection on the lift's currents, which may pull down.
-    assert outputs_near(machine, beside, currents) == pytest.approx([-1.5 / 1.25 / 0.4, 0.0, 0.0])
+    least = heights[np.abs(heights + 0.06).argmin()]
+    assert easy_height(balance(needing(100.0)), 0.0, 0.0, "") == pytest.approx(least)
+    # Where no height is possible, the one of which most of the weight is carried tells why.
+    with refused(Infeasible, where="here", received=f"{0.5 + heights[-1]:.4f}"):
+        easy_height(balance(needing(1.0, lowest=1.0)), 0.0, 0.0, "here")
+
+
+@pytest.mark.parametrize(("upright", "expected"), [(False, -0.02), (True, -0.07)])
+def test_a_body_that_may_turn_begins_where_the_field_points_along_its_moment(upright, expected):
+    """Everywhere it is carried easily; the field points up above -25 mm."""
+    one = balance(lambda _: np.array([0.1, 0.1]), upright=upright)
+    one.field.field = lambda place, _: np.array([0.0, 0.0, place[2] + 0.025])
+    spacing = 0.9 * (UPPER[2] - LOWER[2]) / 20
+    assert easy_height(one, 0.0, 0.0, "") == pytest.approx(expected, abs=spacing)
+    # Where it does so nowhere, the easy height nearest to the middle is left.
+    one.field.field = lambda *_: np.array([0.0, 0.0, -1.0])
+    assert easy_height(one, 0.0, 0.0, "") == pytest.approx(-0.07)
+
+
+def test_the_scale_of_the_signals():
+    """The largest current over the gain; beside magnets that of the weight alone."""
+    force = np.array([[0.05, -0.05], [0.0, 0.0], [0.1, 0.1]])
+    about = {"force_per_ampere": lambda *_: force, "weight": 0.098}
+    one = SimpleNamespace(field=SimpleNamespace(fixed_sources=()), **about)
+    matrix = allocation_about(one, np.zeros(3), np.array([-0.5, 0.25]), 0.4, "").matrix
+    np.testing.assert_allclose(matrix[:, 0], [-1.0, 0.5])
+    np.testing.assert_allclose(matrix[:, 1], [0.5 / 0.4, -0.5 / 0.4])
+    beside = SimpleNamespace(field=SimpleNamespace(fixed_sources=("m",)), **about)
+    matrix = allocation_about(beside, np.zeros(3), np.array([-0.5, 0.25]), 0.4, "").matrix
+    np.testing.assert_allclose(matrix[:, :2], [[1.0, 0.098 / 0.2 / 0.4], [1.0, -0.098 / 0.2 / 0.4]])
+    about["force_per_ampere"] = lambda *_: 0.0 * force
+    with refused(Infeasible, where="here"):
+        allocation_about(SimpleNamespace(field=beside.field, **about), np.zeros(3), np.ones(2), 0.4, "here")
+
+
+def test_the_outputs_nearest_to_voltages():
+    """Those of a division are its signals; a matrix has more voltages than outputs, and an idle signal."""
+    of_division = lift_and_directions(1.25)
+    outputs = np.array([1.3, 0.2, -0.1])
+    np.testing.assert_allclose(of_division.nearest(of_division.voltages(outputs)), outputs, atol=1e-12)
+    matrix = MatrixAllocation(
+        np.array([[1.0, 0.5, 0.0], [0.5, -1.0, 0.0], [0.2, 0.0, 0.0]]), np.array([0.3, 0.0, 0.0])
+    )
+    np.testing.assert_allclose(matrix.nearest(matrix.voltages(outputs)), [1.3, 0.2, 0.0], atol=1e-12)
+    # What no outputs give is left: (0.2, 0.1, -1.25) is at right angles to both columns.
+    aside = matrix.voltages(outputs) + np.array([0.2, 0.1, -1.25])
+    np.testing.assert_allclose(matrix.nearest(aside), [1.3, 0.2, 0.0], atol=1e-12)
 
 
 def test_heights_are_solved_from_the_nearest_that_is_known(monkeypatch):
     asked = []
 
-    def floating(machine, held, guess):
-        asked.append((round(float(held[0][2]), 6), guess))
-        return SimpleNamespace(outputs=round(float(held[0][2]), 6))
+    def floating(machine, held, guess, near, where):
+        asked.append((round(float(held[0][2]), 6), guess, float(near[2])))
+        return SimpleNamespace(outputs=round(float(held[0][2]), 6), sensed=held[0])
 
     monkeypatch.setattr(start, "floating", floating)
     begin = SimpleNamespace(sensed=np.array([0, 0, -0.09]), outputs="begin")
     heights = [-0.08, -0.12, -0.09, -0.1]
     found = floating_at(None, (np.array([1.0, 2.0, np.nan]), np.zeros(3)), begin, heights)
     # Outward from the start at -90 mm.
-    assert sorted(asked) == [(-0.12, -0.1), (-0.1, "begin"), (-0.08, "begin")]
+    assert sorted(asked) == [(-0.12, -0.1, -0.1), (-0.1, "begin", -0.09), (-0.08, "begin", -0.09)]
     assert [one.outputs for one in found] == [-0.08, -0.12, "begin", -0.1]
 
 

@@ -3,6 +3,8 @@
 import re
 import shutil
 import subprocess
+import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ from fieldmap.core.headers import FOLDER
 from fieldmap.errors import InputError
 from fieldmap.interop import c_header, write_c_map
 from fieldmap.lookup import interpolate, open_map
-from fieldmap.store import Grid, MapData
+from fieldmap.store import Grid, MapData, StoredReaction
 from tests.docs.pages import blocks
 from tests.interop.conftest import STRICT
 
@@ -104,6 +106,41 @@ def test_ten_thousand_points_give_the_numbers_of_python(programs, data, tmp_path
         assert np.abs(ours - python).max() < 1e-13 * np.abs(python).max()
 
 
+@pytest.fixture(scope="module")
+def reacting(data):
+    """The same, with three fields of the iron's reaction to magnets, of which one counts negatively."""
+    x, y, z = np.moveaxis(data.grid.points().reshape(6, 5, 5, 3), -1, 0)
+    parts = [wave(x, y, z, k, phase) for k, phase in ((50.0, 0.2), (70.0, 0.9), (40.0, 2.0))]
+    flux, slope = (np.stack(values) for values in zip(*parts, strict=True))
+    return replace(data, reaction=StoredReaction(flux, slope, repelled=1))
+
+
+@pytest.mark.parametrize("kind", ["harmonic", "global"])
+def test_the_reaction_of_the_iron(programs, reacting, tmp_path, kind):
+    """Its formula by hand from the fields of a map of their own; at fixed currents, too."""
+    m, fields = interpolate(reacting, kind), interpolate(reacting.reaction.on(reacting.grid), kind)
+    path = write_c_map(m, tmp_path / "field.fmap")
+    currents, points, moments = questions(m, 500)
+    (_, _, _, wrench, status), _ = ask(programs, path, (currents, points, moments), tmp_path)
+    assert not status.any()
+    b, g = fields.unit_field(points), fields.unit_gradient(points)
+    weights = np.array([1.0, 1.0, -1.0]) * np.einsum("nki,ni->nk", b, moments)
+    back = [np.einsum("nk,nk...->n...", weights, values) for values in (b, g)]
+    there = m.field_and_gradient(points, currents)
+    expected = np.hstack(wrench_by_hand([there[0] + back[0], there[1] + back[1]], moments))
+    assert np.abs(wrench - expected).max() < 1e-13 * np.abs(expected).max()
+    assert np.abs(m.wrench(points, moments, currents) - expected).max() < 1e-13 * np.abs(expected).max()
+    # More fields than it says, and a count that no file has.
+    good = path.read_bytes()
+    counts = good.index(np.float64(3.0).tobytes() + np.float64(1.0).tobytes())
+    for number in (2.0, 4.0, 65.0, np.nan):
+        wrong = bytearray(good)
+        wrong[counts : counts + 8] = np.float64(number).tobytes()
+        wrong[24:28] = zlib.crc32(wrong[28:]).to_bytes(4, "little")
+        (tmp_path / "case").write_bytes(wrong)
+        assert opened(programs, tmp_path / "case") == 8
+
+
 def wrench_by_hand(field, moments):
     return np.einsum("nij,ni->nj", field[1], moments), np.cross(moments, field[0])
 
@@ -149,7 +186,8 @@ def test_broken_files_are_refused_with_their_reason(programs, data, tmp_path):
         bytes(flipped): 8,
         good[:8] + good[8:12][::-1] + good[12:]: 7,
         good[:12] + (2).to_bytes(4, "little") + good[16:]: 8,
-        good[:12] + (3).to_bytes(4, "little") + good[16:]: 6,
+        good[:12] + (3).to_bytes(4, "little") + good[16:]: 8,
+        good[:12] + (4).to_bytes(4, "little") + good[16:]: 6,
     }
     for content, code in cases.items():
         (tmp_path / "case").write_bytes(content)

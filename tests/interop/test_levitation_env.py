@@ -9,17 +9,20 @@ from scipy.spatial.transform import Rotation
 
 from fieldmap import dynamics
 from fieldmap.core.iron import IronState
+from fieldmap.device import read_device
 from fieldmap.dynamics import CoilDrive, Drag, RigidBody, Schedule, move
 from fieldmap.errors import Infeasible, InputError, OutsideMapError
 from fieldmap.instruments import Amplifier, Converter
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import FiniteMagnet, interpolate
+from fieldmap.sources import CoilSet
 from fieldmap.store import Grid, MapData, write_map
 
 gymnasium = pytest.importorskip("gymnasium", reason='no Gymnasium (pip install "fieldmap[gymnasium]")')
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from fieldmap.interop.levitation_env import ENVIRONMENT, IRON, LevitationEnv  # noqa: E402
+from tests.conftest import DEVICES  # noqa: E402
 from tests.docs.pages import blocks  # noqa: E402
 from tests.dynamics.conftest import saturating_map  # noqa: E402
 from tests.refusals import refused  # noqa: E402
@@ -327,6 +330,27 @@ def test_ten_thousand_steps_a_second():
         best = min(best, (time.perf_counter() - begin) / 300)
     print(f"{1 / best:.0f} steps a second")
     assert best < 1e-4
+
+
+def test_a_bead_of_soft_iron_rests_and_answers_signals():
+    """A bead has no moment of its own. At rest it stays, and a signal along an axis pushes along that axis alone."""
+    device = read_device(DEVICES / "five_coils_above_a_bead.toml")
+    body, target = dynamics.body_of_payload(device.payload, upright=True), (0.0, 0.0, -0.015)
+    field = CoilSet(device.coils, device.bounds)
+    env = LevitationEnv(field, body, target, action="signals", span=1e-3, start=0.0, tilt=0.0, step=1e-4)
+    env.reset(seed=0)
+    env.step(np.zeros(3))
+    fall = body.gravity * env.period
+    np.testing.assert_allclose(env.state[3:6], 0.0, atol=1e-4 * fall)
+    for action in np.eye(3):
+        env.reset(seed=0)
+        env.step(action)
+        # A thousandth of the weight; the pull goes with the square of the currents.
+        np.testing.assert_allclose(env.state[3:6], 1e-3 * fall * action, atol=3e-5 * fall)
+    # A drive that gives too little is refused.
+    largest = 0.3 * np.abs(env.rest).max()
+    with pytest.raises(Infeasible):
+        LevitationEnv(field, body, target, drive=CoilDrive(Amplifier(1.0, -largest, largest), 5))
 
 
 def test_what_does_not_fit(ring):

@@ -216,7 +216,9 @@ def test_the_summary_as_plain_python(polynomial, domain, told):
         "force_fit": None,
         "shifts": [],
         "lift_missing": "scipy",
+        "lift_assumptions": [],
         "saturation": "",
+        "reaction": None,
     }
 
 

@@ -156,9 +156,9 @@ def test_no_lift_off_the_axis_or_without_pull():
 
 
 def test_a_row_as_plain_python():
-    row = LiftAtHeight(-0.1, 3.0, None, 10.0, 1.5, 0.6)
+    row = LiftAtHeight(-0.1, 3.0, None, 10.0, 1.5, 0.6, 2e-4)
     assert row.ratio == 2.0
-    read = {"sensor_mm": 10.0, "measured": 1.5, "lift_share": 0.6}
+    read = {"sensor_mm": 10.0, "measured": 1.5, "lift_share": 0.6, "volume_error": 2e-4}
     assert row.to_dict() == {"height": -0.1, "current": 3.0, "beyond": None, "ratio": 2.0, **read}
 
 

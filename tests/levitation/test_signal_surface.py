@@ -51,7 +51,7 @@ def test_the_magnet_rests_at_the_centroid_of_the_currents(held):
     lift = 0.8 * 6 * 1.5 * (0.1 - 0.04)
     assert found.field_scale == pytest.approx(0.011 * 9.80665 / lift if held else 1.0)
     assert found.assumptions[0].endswith("n = 1.25")
-    assert ("follows" in found.assumptions[1]) is held
+    assert ("follows" in found.assumptions[2]) is held
 
 
 def test_a_map_for_a_division_is_asked_for_its_own_signals():

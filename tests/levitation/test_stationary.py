@@ -287,7 +287,8 @@ def test_a_rigid_upright_magnet_feels_its_size(polynomial_field, vertical_part):
     """B_z = x^4 + ... harmonic: the mean of d B_z/dx over the cylinder by a fine sum, against the volume rule."""
     g = np.zeros((5, 1))
     g[4, 0] = 1e3
-    source, place = polynomial_field([vertical_part(g), lifting()]), np.array([[0.004, 0.0, 0.0]])
+    source = as_field(polynomial_field([vertical_part(g), lifting()]))
+    place = np.array([[0.004, 0.0, 0.0]])
     upright = magnet_balance(source, np.ones(2), WITH_MAGNET, place[0], "rigid upright")
     t = (np.arange(40) + 0.5) / 40
     z, r, angle = np.meshgrid(0.01 * (t - 0.5), 0.005 * np.sqrt(t), 2 * np.pi * t, indexing="ij")

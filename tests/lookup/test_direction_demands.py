@@ -1,9 +1,12 @@
 """Currents for a magnet that follows the field, against scipy's optimiser and Taylor's theorem."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+import fieldmap as fm
 from fieldmap.device.payload import SoftSphere
 from fieldmap.errors import Infeasible, InputError
 from fieldmap.levitation.balance import Balance
@@ -139,6 +142,22 @@ def test_saturating_iron():
     np.testing.assert_allclose(SIZE * direction @ slope, force, rtol=0, atol=1e-8 * np.abs(force).max())
     assert np.linalg.norm(np.cross(direction, flux)) < 1e-7 * (direction @ flux)
     assert found @ found <= (1 + 1e-5) * (known @ known)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_the_force_contains_the_reaction_of_the_iron(tmp_path, way):
+    """The iron draws the magnet upward, whichever way its moment points: the coil carries the rest of the weight."""
+    device = fm.read_device("desk_levitator")
+    path = fm.generate(device, tmp_path / "levitator.h5", spacing=3e-3, progress=False)
+    field, alone = fm.open_map(path), fm.open_map(path, reaction=False)
+    position, size = np.array([0.002, 0.001, -0.027]), device.payload.moment
+    direction = way * field.field(position, [1.0])
+    moment = size * direction / np.linalg.norm(direction)
+    force = [np.nan, np.nan, 9.80665 * device.payload.mass]
+    for ask in (field.currents_for, partial(currents_for, field)):
+        currents = ask(position, force=force, moment=size, direction=direction)
+        assert field.wrench(position, moment, currents)[2] == pytest.approx(force[2], rel=1e-9)
+        assert alone.wrench(position, moment, currents)[2] < 0.8 * force[2]
 
 
 @pytest.mark.parametrize(

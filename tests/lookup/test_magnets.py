@@ -266,7 +266,7 @@ def test_soft_sphere_in_a_map(field):
 def test_a_moment_that_was_measured_is_that_of_the_dipole():
     """Beside a shape: that of its remanence only where none is given."""
     shape = MagnetCylinder(0.01, 0.012, 1.3)
-    dipole = magnetic_body(Payload(mass=0.01, moment=0.9, magnet=shape))
+    dipole = magnetic_body(Payload(mass=0.01, moment=0.9, magnet=shape), 1)
     assert dipole.points.tolist() == [[0.0, 0.0, 0.0]]
     assert dipole.moments.tolist() == [[0.0, 0.0, 0.9]]
     volume = np.pi / 4 * 0.01**2 * 0.012

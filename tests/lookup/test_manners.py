@@ -16,7 +16,7 @@ import pytest
 from fieldmap.core import CoreMap
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.field import Field, FieldAtCurrents, as_field
-from fieldmap.lookup import division_domain, interpolate, iron_weights, open_map, saturates, tangent_block
+from fieldmap.lookup import interpolate, iron_weights, open_map, saturates, tangent_block
 from fieldmap.lookup.evaluation import outside_error
 from fieldmap.records import Record
 from fieldmap.store import FieldError, MapData, Provenance
@@ -410,11 +410,8 @@ def test_of_saturating_iron_both_errors_are_told():
     ):  # fmt: skip
         assert words in text
     assert (m.proportional, m.affine) == (False, False)
-    lower, upper, n = division_domain(m)
-    assert (lower.tolist(), upper.tolist(), n) == ([1.0, -0.4, -0.3], [2.2, 0.4, 0.3], 1.25)
     assert saturates(m)
     free = interpolate(saturating_data(free=True))
-    assert division_domain(free) is None
     # Lookups by rows of currents, by the last set and by others are one; derivatives are those of the model.
     random = np.random.default_rng(9)
     points, rows = random.uniform(-0.015, 0.015, (3, 3)), random.uniform(-2.0, 2.0, (3, 6))

@@ -251,10 +251,10 @@ def test_what_is_wrong_leaves_no_file(rig, recipe_text, box, device, turns, outp
 
 
 def test_a_solver_that_fails_leaves_nothing(rig, monkeypatch):
-    def fail(*_):
+    def fail(*_, **__):
         raise NotConverged(Problem("solve", "residual below 1e-7", "1e-3", "refine"), residuals=(1.0, 1e-3))
 
-    monkeypatch.setattr(generation, "solve_linear", fail)
+    monkeypatch.setattr(generation, "solve_linear_and_reaction", fail)
     before = sorted(rig.rglob("*"))
     with pytest.raises(NotConverged):
         generate(rig / "recipe.toml", rig / "map.h5")

@@ -38,7 +38,7 @@ def refused(tmp_path, device, box, spacing=2e-3, **more):
     ("top", "received", "finer"), [(0.0, "0 mm", ""), (-1e-4, "0.1 mm", "0.1"), (-1.8e-3, "1.8 mm", "1.8")]
 )
 def test_a_box_at_a_pole_is_refused_before_any_work(tmp_path, monkeypatch, pole, top, received, finer):
-    monkeypatch.setattr("fieldmap.maps.generation.solve_linear", None)
+    monkeypatch.setattr("fieldmap.maps.generation.solve_linear_and_reaction", None)
     (problem,) = refused(tmp_path, pole, ([-0.01, -0.01, top - 0.01], [0.01, 0.01, top]))
     assert problem.received == f"{received} from body 'pole'"
     # 2 mm (1e-2 / 1e-2)^(1/3)

@@ -364,13 +364,13 @@ CoupledKeys = choice_of([table_of(kind, "kind") for kind in (Lqg, FeedbackLinear
 
 
 def limits_of(machine: Machine, lower: Array | None, upper: Array | None) -> tuple[Array, Array]:
-    """Lowest and highest lift, V, and x and y signals (3,) each: as given, or defaults for the allocation."""
+    """Lowest and highest lift, V, and x and y signals (3,) each: as given, or what the amplifiers give, and 1."""
     divided, amplifier = isinstance(machine.allocation, ParametrisedAllocation), machine.drive.amplifier
-    lift, signal = (10.0, 0.4) if divided else (amplifier.largest_current / amplifier.gain, 1.0)
+    lift = amplifier.largest_current / amplifier.gain
     # If something that no current drives lifts too, the coils may have to pull down.
     least = -lift if machine.magnetic.constant and not divided else 0.0
-    low = np.array([least, -signal, -signal]) if lower is None else lower
-    return low, np.array([lift, signal, signal]) if upper is None else upper
+    low = np.array([least, -1.0, -1.0]) if lower is None else lower
+    return low, np.array([lift, 1.0, 1.0]) if upper is None else upper
 
 
 def _noise(machine: Machine) -> Three:

@@ -30,7 +30,8 @@ from fieldmap.dynamics.scenario.controllers import AxisController
 from fieldmap.dynamics.scenario.metrics import RunMetrics, run_metrics
 from fieldmap.dynamics.scenario.references import control_times, disturbances, open_loop_signals, references
 from fieldmap.dynamics.scenario.schema import Scenario, Start, read_scenario
-from fieldmap.dynamics.scenario.start import Lift, floating, floating_at, outputs_near
+from fieldmap.dynamics.scenario.start import allocation_about, carrying, easy_height, floating, floating_at
+from fieldmap.dynamics.weight_balance import WeightBalance
 from fieldmap.errors import NoEquilibrium, ScenarioError
 from fieldmap.field import Field
 from fieldmap.inputs.document import AtKey
@@ -144,15 +145,17 @@ def _prepared(scenario: Scenario, field: Field | None, device: Device | None, ow
     # The place at the start, approximate currents that carry the body there, and the allocation.
     limits = drive_of_device(device, settings.coils.lowest_voltage).steady
     signals = _lift_and_directions(opened, control.allocation, control.allocation_n)
-    lift = Lift(opened, device.payload, body, settings.field.scale, limits, signals is not None)
-    held = settings.held()
-    x, y = start.x or 0.0, start.y or 0.0
+    balance = WeightBalance(opened, body, limits, settings.field.scale)
+    held, where = settings.held(), settings.start_for_messages
+    middle = 0.5 * (opened.lower + opened.upper)
+    x = middle[0] if start.x is None else start.x
+    y = middle[1] if start.y is None else start.y
     above = float((body.seen_at - body.magnet_at)[2])
     if start.depth is None:
-        held[0][2] = round(lift.height(x, y) + above, 9)
+        held[0][2] = round(easy_height(balance, x, y, where) + above, 9)
     magnet = np.array([x, y, held[0][2] - above])
-    currents = lift.currents(magnet)
-    allocation = signals or lift.allocation(magnet, currents, device.driver.gain)
+    currents = carrying(balance, magnet, where)
+    allocation = signals or allocation_about(balance, magnet, currents, device.driver.gain, where)
     settings.refuse_idle(allocation.idle)
 
     # The machine in equilibrium. Saturating iron can be linearised about the currents of the equilibrium, which depend
@@ -172,13 +175,14 @@ def _prepared(scenario: Scenario, field: Field | None, device: Device | None, ow
             (*(() if walls is None else walls.end), *(("currents",) if beyond else ())),
             settings.coils.longest_saturation,
         )
-        point = floating(machine, held, outputs_near(machine, opened, currents))
+        guess = allocation.nearest(currents / device.driver.gain)
+        point = floating(machine, held, guess, magnet + [0.0, 0.0, above], where)
         change, currents = float(np.abs(point.currents - currents).max()), point.currents
         if not about_currents or change < 1e-6:
             break
     else:
         must, remedy = "currents of the operating point must settle", 'take field.iron = "model"'
-        raise NoEquilibrium(AtKey("start", must, f"a change of {change:.1e} A", remedy))
+        raise NoEquilibrium(AtKey(where, must, f"a change of {change:.1e} A", remedy))
 
     # References and disturbances, and the controllers.
     time, zero = control_times(settings.duration, period), np.array([0.0, 0.0, settings.zero_depth])

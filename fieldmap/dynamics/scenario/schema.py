@@ -119,6 +119,10 @@ class BodySettings(Record):
     ] = None
     finite_magnet: Annotated[bool, Key(..., "the magnet's volume instead of a point dipole")] = False
 
+    def payload(self, payload: Payload) -> Payload:
+        """The payload with the magnets that the body has: point dipoles unless they are to be of finite size."""
+        return payload if self.finite_magnet else replace(payload, volume_level=1)
+
     def body(self, payload: Payload, opened: FieldMap) -> RigidBody:
         """The body of a payload, in the field of a map."""
         if self.magnet_offset is not None:
@@ -350,6 +354,11 @@ class Settings(Record):
         if self.start.depth is not None:
             place[2] = self.height(self.start.depth)
         return place, outputs
+
+    @property
+    def start_for_messages(self) -> str:
+        """The key of the start, or words where the scenario leaves the start to the program."""
+        return "the start" if self.start == Start() else "start"
 
     def height(self, depth: float) -> float:
         """z of the sensed point, m, at which the vertical sensor reads this, m."""

@@ -21,11 +21,12 @@ from fieldmap.core.play_cells import PlayCells
 from fieldmap.device.materials import SaturatingMaterial
 from fieldmap.device.model import Device
 from fieldmap.errors import NotConverged
-from fieldmap.field import Currents, coil_currents
+from fieldmap.field import Bounds, Currents, coil_currents
 from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.elements.potential_form import ConvexForm, PotentialForm
 from fieldmap.iron.geometry.checks import geometry_notes
 from fieldmap.iron.materials import materials_on
+from fieldmap.iron.reaction import ReactionFields, reaction_fields
 from fieldmap.iron.report import report_of
 from fieldmap.iron.solution import PotentialSolution
 from fieldmap.iron.solvers.linear import check_arguments
@@ -313,6 +314,30 @@ class HysteresisSolver(MeshedDevice):
             A function of nodal potentials (n, k): symmetric and positive.
         """
         return self._energy_operator(memory.currents, memory.potential, memory.material)
+
+    def reaction_in(self, box: Bounds, share: float = 5e-3) -> ReactionFields | None:
+        """The reaction of iron that was never magnetised to magnets in a box, to first order in their moments and by
+        the anhysteretic law.
+
+        Parameters
+        ----------
+        box
+            Lower and upper corner (3,) of the workspace, m; it holds no iron.
+        share
+            Wanted error: see `fieldmap.iron.reaction.reaction_fields`.
+
+        Returns
+        -------
+        ReactionFields | None
+            The fields of the reaction; None for iron as permeable as air.
+
+        Raises
+        ------
+        NotConverged
+            If the iron cannot be solved.
+        """
+        nothing = np.zeros(len(self.device.coils)), np.zeros(self._form.elements.count)
+        return reaction_fields(self.magnetised_at(*nothing), self.surface, box, share)
 
     def project(self, basis: Array, air: Array | None = None) -> GalerkinModel:
         """The iron on a basis of nodal potentials, with its play cells: as `NonlinearSolver.project`."""

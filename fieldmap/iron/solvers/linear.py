@@ -12,15 +12,17 @@ from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.elements.bh_law import Magnetisation, straight_laws
 from fieldmap.iron.elements.flux_form import FluxForm
+from fieldmap.iron.elements.nodal_elements import FieldOfPoints
 from fieldmap.iron.elements.potential_form import ConvexForm, PotentialForm, linkage_and_coenergy
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.materials import BodyProperties, background_notes, body_properties
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import AssembledIron, assemble
+from fieldmap.iron.reaction import ReactionFields, Solve, reaction_fields
 from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
 from fieldmap.iron.sensitivity.adjoint import Origin
 from fieldmap.iron.solution import LinearSolution
-from fieldmap.typing import PathLike
+from fieldmap.typing import Array, PathLike
 
 _FORM_CLASSES: dict[str, type[PotentialForm] | type[FluxForm]] = {
     "potential": PotentialForm,
@@ -86,15 +88,48 @@ def solve_linear(
     >>> unit.report.magnetic_bodies, unit.report.residual < 1e-7
     (1, True)
     """
+    return solve_linear_and_reaction(device, mu_r, tolerance, progress, refinement, form, symmetry)[0]
+
+
+def solve_linear_and_reaction(
+    device: Device | PathLike,
+    mu_r: float | None = None,
+    tolerance: float = 1e-3,
+    progress: Progress | None = None,
+    refinement: float = 1.0,
+    form: str = "auto",
+    symmetry: str = "auto",
+    box: tuple[Array, Array] | None = None,
+) -> tuple[LinearSolution, ReactionFields | None]:
+    """`solve_linear`, and the iron's reaction to magnets in a box on the same mesh.
+
+    Parameters
+    ----------
+    device, mu_r, tolerance, progress, refinement, form, symmetry
+        As for `solve_linear`.
+    box
+        Lower and upper corner (3,) of the workspace, m, or None for no reaction.
+
+    Returns
+    -------
+    tuple[LinearSolution, ReactionFields | None]
+        The solution, and the reaction; None without a box, without iron, and of the surface form.
+
+    Raises
+    ------
+    GeometryError, InputError, NotConverged
+        As `solve_linear`.
+    """
     device = read_device(device)
     check_arguments("solve_linear", tolerance, refinement, form)
     stages = Stages(progress)
     stages.next("checking the geometry", 0.0)
     check_geometry(device)
     properties = body_properties(device, mu_r)
+    origin = Origin(device, True, mu_r)
     if not device.bodies:
         stages.done()
-        return replace(coils_alone(device, stages.seconds), origin=Origin(device, True, mu_r))
+        return replace(coils_alone(device, stages.seconds), origin=origin), None
     require_source(device, properties)
     form = chosen_form(form, properties)
     if form == "surface":
@@ -103,15 +138,33 @@ def solve_linear(
         by_surface = solve_by_surface(
             device, properties, tolerance * _RESIDUAL_PER_TOLERANCE, refinement, stages
         )
-        return replace(by_surface, origin=Origin(device, True, mu_r))
+        return replace(by_surface, origin=origin), None
     stages.next("meshing the iron", 0.02)
     mesh = generate_mesh(device, refinement, symmetry)
     stages.next("mutual potentials of the faces", 0.1)
     iron = assemble(mesh)
     stages.next("coil fields and solution", 0.5)
-    solution = solved_in_form(device, form_on(iron, form), properties, tolerance, stages)
+    problem = form_on(iron, form)
+    solution = replace(solved_in_form(device, problem, properties, tolerance, stages), origin=origin)
+    reaction = None
+    if box is not None:
+        stages.next("reaction of the iron to magnets in the workspace", 0.9)
+        accuracy = tolerance * _RESIDUAL_PER_TOLERANCE
+        reaction = reaction_fields(_magnetised(problem, properties, accuracy), iron.surface, box)
     stages.done()
-    return replace(solution, origin=Origin(device, True, mu_r))
+    return solution, reaction
+
+
+def _magnetised(problem: ConvexForm, properties: BodyProperties, tolerance: float) -> Solve:
+    """The charge densities of this iron in given fields."""
+    elements, body = problem.elements, problem.iron.mesh.body
+    laws = straight_laws(properties.on(problem.iron.mesh).mu_r)
+
+    def solve(field: FieldOfPoints, count: int) -> Array:
+        material = Magnetisation(body, laws, np.zeros((count, len(body), 3)))
+        return problem.solve_linear(material, elements.coil_field(field), tolerance).iron.density
+
+    return solve
 
 
 def form_on(iron: AssembledIron, form: str) -> ConvexForm:

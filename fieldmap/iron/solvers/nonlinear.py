@@ -8,7 +8,7 @@ and doubled where it succeeds.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -36,6 +36,7 @@ from fieldmap.iron.geometry.checks import geometry_notes
 from fieldmap.iron.materials import material_assumptions
 from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.mesh.mesh import checked_points, refuse_inside
+from fieldmap.iron.reaction import ReactionFields, Solve, reaction_fields
 from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
 from fieldmap.iron.sensitivity.adjoint import IronProblem, Origin
 from fieldmap.iron.solution import NonlinearSolution
@@ -479,6 +480,39 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
             A function of nodal potentials (n, k): symmetric and positive.
         """
         return self._energy_operator(currents, potential, self._material)
+
+    def reaction_in(
+        self, box: Bounds, share: float = 5e-3, others: Sequence[Array] = (), currents: Array | None = None
+    ) -> ReactionFields | None:
+        """The reaction of the iron in a state to magnets in a box, to first order in their moments.
+
+        Parameters
+        ----------
+        box
+            Lower and upper corner (3,) of the workspace, m; it holds no iron.
+        share
+            Wanted error: see `fieldmap.iron.reaction.reaction_fields`.
+        others
+            Currents (c,), A, at which the change of the reaction is measured.
+        currents
+            Currents (c,) of the state, A; all coils off unless given.
+
+        Returns
+        -------
+        ReactionFields | None
+            The fields of the reaction; None for iron as permeable as air.
+
+        Raises
+        ------
+        NotConverged
+            If a state cannot be solved.
+        """
+
+        def at(amperes: Array) -> Solve:
+            return self.magnetised_at(amperes, self.at(amperes).state.potential[:, 0])
+
+        rest = np.zeros(len(self.coil_names)) if currents is None else np.asarray(currents, float)
+        return reaction_fields(at(rest), self.surface, box, share, map(at, others))
 
     def differential_inductance(self, state: NonlinearSolution, tolerance: float = 1e-8) -> Array:
         """Derivatives of the flux linkages by the currents. Where the iron saturates they are less than linkage per

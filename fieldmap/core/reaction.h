@@ -1,0 +1,151 @@
+/* reaction.h: the iron's reaction to magnets: the field that iron makes because they magnetise it (docs/theory/reaction.md).
+ *
+ *     w_k = sum m . b_k,   B = sum_k s_k w_k b_k,   energy -1/2 sum_k s_k w_k^2
+ *
+ * over the dipoles m of one or more bodies. The fields b_k, T/sqrt(J), are sets of coefficients like those of the map's own
+ * fields; the sign s_k is -1 for the last of them. Soft iron has moments that depend on B.
+ *
+ * BSD-3-Clause, the fieldmap developers.
+ */
+#ifndef FIELDMAP_REACTION_H
+#define FIELDMAP_REACTION_H
+
+#include "map.h"
+#include "wrench.h"
+
+/* Most fields of a reaction. */
+enum { FIELDMAP_REACTION_FIELDS = 64 };
+
+/* The fields of the reaction that a map has, as a map of their own. */
+FIELDMAP_INLINE fieldmap fieldmap_reaction(const fieldmap *map)
+{
+    fieldmap own = *map;
+    own.coefficients = map->reaction;
+    own.n_coils = map->reacting, own.constant = 0;
+    own.reaction = NULL, own.reacting = 0;
+    return own;
+}
+
+/* out[(degree + 1)^2]: the derivative of every harmonic along moment[3], from the harmonics of one degree less. The transpose
+ * of fieldmap_differentiate. */
+FIELDMAP_INLINE void fieldmap_derivatives_along(const fm_real *moment, int degree, const fm_real *harmonics, fm_real *out)
+{
+    const fm_real x = FM(0.5) * moment[0], y = FM(0.5) * moment[1], z = moment[2];
+    int l, m, i;
+    for (i = 0; i < (degree + 1) * (degree + 1); i++) out[i] = FM(0);
+    for (l = 0; l < degree; l++) {
+        fm_real *row = out + (l + 1) * (l + 1);
+        const fm_real *from = harmonics + l * l;
+        row[0] += z * from[0];
+        row[1] += x * from[0];
+        row[2] += y * from[0];
+        for (m = 1; m <= l; m++) {
+            const fm_real fold = m == 1 ? FM(2) : FM(1), a = from[2 * m - 1], b = from[2 * m];
+            row[2 * m - 1] += z * a;
+            row[2 * m] += z * b;
+            row[2 * m + 1] += x * a - y * b;
+            row[2 * m + 2] += x * b + y * a;
+            row[m > 1 ? 2 * m - 3 : 0] -= fold * (x * a + y * b);
+            if (m > 1) row[2 * m - 2] += fold * (y * a - x * b);
+        }
+    }
+}
+
+/* out[(degree + 1)^2]: the derivative of every harmonic along moment[3] at a place in its coordinates. */
+FIELDMAP_INLINE void fieldmap_harmonics_along(const fm_real *moment, int degree, const fm_real *local, fm_real *out)
+{
+    fm_real harmonics[FIELDMAP_MAX_SIZE];
+    fieldmap_harmonics(degree - 1, 1, local, local + 1, local + 2, harmonics);
+    fieldmap_derivatives_along(moment, degree, harmonics, out);
+}
+
+/* Sum of products, in FIELDMAP_LANES partial sums side by side. */
+FIELDMAP_INLINE fm_real fieldmap_product(const fm_real *a, const fm_real *b, int count)
+{
+    fm_real part[FIELDMAP_LANES] = {FM(0)}, sum = FM(0);
+    int i, lane;
+    for (i = 0; i + FIELDMAP_LANES <= count; i += FIELDMAP_LANES)
+        for (lane = 0; lane < FIELDMAP_LANES; lane++) part[lane] += a[i + lane] * b[i + lane];
+    for (; i < count; i++) sum += a[i] * b[i];
+    for (lane = 0; lane < FIELDMAP_LANES; lane++) sum += part[lane];
+    return sum;
+}
+
+/* Add to weights[k] the field k of a map's reaction along moment[3] at point[3]. */
+static inline int fieldmap_reaction_add(const fieldmap *map, const fm_real *point, const fm_real *moment, fm_real *weights)
+{
+    const int size = map->size;
+    fieldmap own = fieldmap_reaction(map);
+    fieldmap_spot spot;
+    const int status = fieldmap_locate(map, point, &spot);
+    int k, i;
+    if (status != FIELDMAP_OK) return status;
+    if (map->kind != FIELDMAP_HERMITE) {
+        fm_real local[3], along[FIELDMAP_MAX_SIZE];
+        const fm_real *set = fieldmap_sets_at(&own, &spot, 0);
+        fieldmap_from_middle(map, &spot, local);
+        /* Of a degree that the compiler knows only the code for that degree is left. */
+        if (map->degree == 5) fieldmap_harmonics_along(moment, 5, local, along);
+        else fieldmap_harmonics_along(moment, map->degree, local, along);
+        for (k = 0; k < map->reacting; k++, set += size) weights[k] += fieldmap_product(along, set, size);
+        return status;
+    }
+    for (k = 0; k < map->reacting; k++, own.coefficients += size) {
+        fm_real flux[3];
+        fieldmap_field_at(&own, NULL, &spot, flux, NULL);
+        for (i = 0; i < 3; i++) weights[k] += moment[i] * flux[i];
+    }
+    return status;
+}
+
+/* From weights w_k of a map's reaction to s_k w_k, in place. */
+static inline void fieldmap_reaction_signs(const fieldmap *map, fm_real *weights)
+{
+    int k;
+    for (k = map->reacting - map->repelled; k < map->reacting; k++) weights[k] = -weights[k];
+}
+
+/* Add to flux[3] and gradient[9] a map's reaction with these signed weights at a point. */
+static inline int fieldmap_reaction_field(
+    const fieldmap *map, const fm_real *weights, const fm_real *point, fm_real *flux, fm_real *gradient)
+{
+    const fieldmap own = fieldmap_reaction(map);
+    fm_real back[3], slope[9];
+    const int status = fieldmap_field_of_weights(&own, weights, point, back, slope);
+    int i;
+    for (i = 0; i < 3; i++) flux[i] += back[i];
+    for (i = 0; i < 9; i++) gradient[i] += slope[i];
+    return status;
+}
+
+/* wrench[6] on one dipole of moment[3] at point[3] for weights of the sets, in its own reaction, too, where it is known. */
+static inline int fieldmap_wrench_of_weights(
+    const fieldmap *map, const fm_real *weights, const fm_real *point, const fm_real *moment, fm_real *wrench)
+{
+    fm_real flux[3], gradient[9], reacting[FIELDMAP_REACTION_FIELDS] = {FM(0)};
+    int status = fieldmap_field_of_weights(map, weights, point, flux, gradient);
+    if (status == FIELDMAP_OK && map->reaction != NULL) {
+        status = fieldmap_reaction_add(map, point, moment, reacting);
+        fieldmap_reaction_signs(map, reacting);
+        if (status == FIELDMAP_OK) status = fieldmap_reaction_field(map, reacting, point, flux, gradient);
+    }
+    if (status == FIELDMAP_OK)
+        fieldmap_dipole_wrench(flux, gradient, moment, wrench);
+    else
+        fieldmap_unknown(wrench, 6);
+    return status;
+}
+
+/* wrench[6] on a dipole of moment[3] at point[3] for currents[n_coils]. */
+static inline int fieldmap_wrench(
+    const fieldmap *map, const fm_real *currents, const fm_real *point, const fm_real *moment, fm_real *wrench)
+{
+    int status;
+    if (moment == NULL || wrench == NULL) return FIELDMAP_ARGUMENT;
+    status = fieldmap_check(map, currents, point);
+    if (status == FIELDMAP_OK) return fieldmap_wrench_of_weights(map, currents, point, moment, wrench);
+    if (status != FIELDMAP_ARGUMENT) fieldmap_unknown(wrench, 6);
+    return status;
+}
+
+#endif

@@ -1,0 +1,258 @@
+"""The iron's reaction to magnets in the workspace: the field that iron makes because a magnet magnetises it.
+
+The reaction at a place x' to a dipole m at x is A(x', x) m. Outside the iron it is harmonic in x' and, by reciprocity,
+A(x', x) = A(x, x')^T: harmonic in x as well. Distances smooth it, so that few fields b_k of charges on the iron's
+surface span it:
+
+    A(x', x) = sum_k s_k b_k(x') b_k(x)^T,      s_k = 1, or -1 for iron that is less permeable than air.
+
+The energy of magnets with moments m at places x is then -1/2 sum_k s_k w_k^2 with w_k = sum m . b_k(x), and the field
+in which they are sum_k s_k w_k b_k: docs/theory/reaction.md.
+
+The fields follow from dipoles on the surface of the workspace, whose fields at the iron span those of all sources
+inside. Those that no others stand for are chosen (pivoted QR of their fields at the iron), the iron is solved for each,
+and the matrix W of their mutual reactions is factored: b = sum of the dipoles' reactions times eigenvectors of W over
+the roots of its eigenvalues (Nystroem's method). W is symmetric up to the error of the discretisation, which is told.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import eigh, qr
+
+from fieldmap.constants import MU0
+from fieldmap.field import STEP
+from fieldmap.iron.elements.nodal_elements import FieldOfPoints
+from fieldmap.iron.mesh.charged_faces import ChargedFaces
+from fieldmap.reaction import signs_of
+from fieldmap.records import Record
+from fieldmap.typing import Array, Index
+
+Solve = Callable[[FieldOfPoints, int], Array]
+"""Charge densities (c, s), T, of the iron's faces in the fields of so many sources c."""
+
+# Dipoles along every edge of the box; whose fields at the iron are within this share of the first are left out.
+_PER_EDGE, _SPANNED = 8, 1e-3
+# Faces of the iron that tell whether they are.
+_FACES = 1000
+# Dipoles that are solved at a time: their fields in the iron take memory.
+_AT_ONCE = 24
+# As many places in the box take part in the choice of the fields as tell their error; most fields.
+_PLACES, _MOST = 4, 64
+_SEED = 58
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ReactionFields(Record):
+    """Fields b_k in the workspace, of charge densities (k, s) on faces, T; T/sqrt(J).
+
+    repelled: of how many, the last, the sign s_k is -1. dipoles: from how many solved ones they were made.
+    asymmetry: largest difference of the reactions of two of them on each other, as a share of the largest.
+    error: of the reaction to a dipole at its own place, and of the force in it, as shares: the largest at places that
+    the choice of the fields did not see. It is that of too few fields, not of the mesh. change: the same of these
+    fields for saturating iron at other currents than those that they belong to, the largest that was tried.
+    """
+
+    faces: ChargedFaces
+    charge: Array
+    repelled: int
+    dipoles: int
+    asymmetry: float
+    error: float
+    change: float = 0.0
+
+    @property
+    def signs(self) -> Array:
+        """Signs s (k,)."""
+        return signs_of(len(self.charge), self.repelled)
+
+    def fields(self, points: Array) -> tuple[Array, Array]:
+        """The fields at points.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3) in the air, m.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            b (k, n, 3), T/sqrt(J), and db_i/dx_j (k, n, 3, 3).
+        """
+        return self.faces.field_and_gradient(points, self.charge)
+
+    def second_gradient(self, points: Array) -> Array:
+        """The second derivatives of the fields, by central differences of their gradients.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3) in the air, m.
+
+        Returns
+        -------
+        Array
+            d2b_i/dx_j dx_k (k, n, 3, 3, 3).
+        """
+        where, count = np.atleast_2d(points), len(self.charge)
+        steps = STEP * np.eye(3)
+        shifted = np.concatenate([where + steps[:, None], where - steps[:, None]]).reshape(-1, 3)
+        slopes = self.fields(shifted)[1].reshape(count, 2, 3, len(where), 3, 3)
+        return np.moveaxis(slopes[:, 0] - slopes[:, 1], 1, -1) / (2.0 * STEP)
+
+
+def reaction_fields(
+    solve: Solve,
+    faces: ChargedFaces,
+    box: tuple[Array, Array],
+    share: float = 5e-3,
+    others: Iterable[Solve] = (),
+) -> ReactionFields | None:
+    """The fields that span the reaction of iron to magnets in a box.
+
+    Parameters
+    ----------
+    solve
+        Solves the iron: linear iron, or saturating iron linearised about a state.
+    faces
+        Of the iron.
+    box
+        Lower and upper corner (3,) of the workspace, m; it holds no iron.
+    share
+        Wanted error of the reaction to dipoles on the surface of the box, and of their forces, as shares of these.
+    others
+        The same iron in other states, for `ReactionFields.change`.
+
+    Returns
+    -------
+    ReactionFields | None
+        The fields. Their error is larger than `share` where the mesh allows no less. None for iron as permeable as air,
+        such as magnets of recoil permeability 1.
+
+    Raises
+    ------
+    NotConverged
+        If the iron cannot be solved.
+    """
+    lower, upper = (np.asarray(corner, dtype=np.float64) for corner in box)
+    chosen = _spanning(_shell(lower, upper), faces)
+    charge = _solved(solve, chosen)
+    flux, slope = faces.field_and_gradient(chosen.points, charge)
+    mutual = np.einsum("sni,ni->ns", flux, chosen.axes)
+    if not mutual.any():
+        return None
+    values, vectors = eigh(0.5 * (mutual + mutual.T))
+    order = np.argsort(-np.abs(values))[:_MOST]
+    # Those that are smaller still are rounding.
+    order = order[np.abs(values[order]) > 1e-9 * np.abs(values[order[0]])]
+    values = values[order]
+    shapes = vectors[:, order] / np.sqrt(np.abs(values))
+    signs = np.sign(values)
+    places = lower + np.random.default_rng(_SEED).random((2 * _PLACES, 3)) * (upper - lower)
+    tried, here = _Dipoles.along_all_axes(places), np.repeat(np.arange(2 * _PLACES), 3)
+    charges = np.sqrt(MU0) * shapes.T @ charge
+    fields = [values[:, here] for values in faces.field_and_gradient(places, charges)]
+
+    def missed(of: Solve, count: int) -> Array:
+        solved = faces.field_and_gradient(places, MU0 * _solved(of, tried))
+        flux, slope = (values[range(len(here)), here] for values in solved)
+        own = _Own.of(tried, flux, slope, upper - lower)
+        return own.missed(signs[:count], *(values[:count] for values in fields))
+
+    own = _Own.of(chosen, np.einsum("nni->ni", flux), np.einsum("nnij->nij", slope), upper - lower)
+    spanned = (np.einsum("sk,s...->k...", shapes, values, optimize=True) for values in (flux, slope))
+    of_places = missed(solve, len(signs))
+    seen, unseen = np.hsplit(of_places, 2)
+    errors = np.hstack([own.missed(signs, *spanned), seen]).max(axis=1)
+    enough = np.flatnonzero(errors <= share)
+    count = 1 + int(enough[0] if len(enough) else errors.argmin())
+    by_sign = np.argsort(-signs[:count], kind="stable")
+    return ReactionFields(
+        faces,
+        np.ascontiguousarray(charges[:count][by_sign]),
+        int((signs[:count] < 0).sum()),
+        len(chosen.points),
+        float(np.abs(mutual - mutual.T).max() / np.abs(mutual).max()),
+        float(unseen[count - 1].max()),
+        max((float(missed(other, count)[-1].max()) for other in others), default=0.0),
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _Own(Record):
+    """What the reaction to each of n dipoles does to it: axes, flux density and force (n, 3); size: of forces (n,)."""
+
+    axes: Array
+    flux: Array
+    force: Array
+    size: Array
+
+    @classmethod
+    def of(cls, dipoles: "_Dipoles", flux: Array, slope: Array, room: Array) -> "_Own":
+        """Of flux density (n, 3) and gradient (n, 3, 3) at the dipoles. room: edges of the box; where symmetry leaves
+        no force, the energy over its diagonal stands for it."""
+        force = np.einsum("ni,nij->nj", dipoles.axes, slope)
+        energy = np.linalg.norm(flux, axis=1) / np.linalg.norm(room)
+        return cls(dipoles.axes, flux, force, np.maximum(np.linalg.norm(force, axis=1), energy))
+
+    def missed(self, signs: Array, fields: Array, gradients: Array) -> Array:
+        """Shares (k, n) of flux density or force, the larger, that the first of fields (k, n, 3), the first two, and so
+        on leave out."""
+        weights = signs[:, None] * np.einsum("kni,ni->kn", fields, self.axes)
+        flux = np.cumsum(weights[..., None] * fields, axis=0) - self.flux
+        force = np.cumsum(np.einsum("kn,ni,knij->knj", weights, self.axes, gradients, optimize=True), axis=0)
+        of_flux = np.linalg.norm(flux, axis=2) / np.linalg.norm(self.flux, axis=1)
+        return np.asarray(np.maximum(of_flux, np.linalg.norm(force - self.force, axis=2) / self.size))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _Dipoles(Record):
+    """Dipoles at points (n, 3) along unit vectors (n, 3); mu0 times their moment is 1 T m^3."""
+
+    points: Array
+    axes: Array
+
+    @classmethod
+    def along_all_axes(cls, points: Array) -> "_Dipoles":
+        return cls(np.repeat(points, 3, axis=0), np.tile(np.eye(3), (len(points), 1)))
+
+    def part(self, of: Index | slice) -> "_Dipoles":
+        return _Dipoles(self.points[of], self.axes[of])
+
+    def flux_densities(self, x: Array) -> Array:
+        """(n, m, 3), T, at points x (m, 3)."""
+        offset = x - self.points[:, None]
+        square = np.einsum("nmi,nmi->nm", offset, offset)
+        along = 3.0 * np.einsum("nmi,ni->nm", offset, self.axes) / square
+        scale = 1.0 / (4.0 * np.pi * square * np.sqrt(square))
+        return (along[..., None] * offset - self.axes[:, None]) * scale[..., None]
+
+
+def _shell(lower: Array, upper: Array) -> Array:
+    """Points (n, 3) on the surface of a box."""
+    shares = np.linspace(0.0, 1.0, _PER_EDGE)
+    mesh = np.stack(np.meshgrid(shares, shares, shares, indexing="ij"), axis=-1).reshape(-1, 3)
+    on_surface = ((mesh == 0.0) | (mesh == 1.0)).any(axis=1)
+    return np.asarray(lower + mesh[on_surface] * (upper - lower))
+
+
+def _spanning(candidates: Array, faces: ChargedFaces) -> _Dipoles:
+    """Dipoles whose normal fields at the iron span those of dipoles at all candidates (n, 3)."""
+    few = faces.part(np.arange(0, len(faces.areas), 1 + len(faces.areas) // _FACES))
+    dipoles = _Dipoles.along_all_axes(candidates)
+    rows = [
+        np.einsum("nmi,mi->nm", part.flux_densities(few.centres), few.normals) for part in _parts(dipoles)
+    ]
+    _, factor, order = qr((np.concatenate(rows) * np.sqrt(few.areas)).T, mode="economic", pivoting=True)
+    left = np.abs(np.diagonal(factor))
+    return dipoles.part(np.sort(order[: len(left)][left > _SPANNED * left[0]]))
+
+
+def _solved(solve: Solve, dipoles: _Dipoles) -> Array:
+    """Charge densities (n, s) for every dipole."""
+    return np.concatenate([solve(part.flux_densities, len(part.axes)) for part in _parts(dipoles)])
+
+
+def _parts(dipoles: _Dipoles) -> list[_Dipoles]:
+    return [dipoles.part(slice(k, k + _AT_ONCE)) for k in range(0, len(dipoles.points), _AT_ONCE)]

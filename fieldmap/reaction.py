@@ -1,0 +1,78 @@
+"""The iron's reaction to magnets: the field that iron makes because they magnetise it (docs/theory/reaction.md).
+
+    w_k = sum m . b_k(x),   B = sum_k s_k w_k b_k,   energy -1/2 sum_k s_k w_k^2                         (1), (2), (3)
+
+over the dipoles m at x that move together. A field that knows the reaction of its iron has it as `reaction`; what asks
+it for forces then gets those of the reaction, too.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from fieldmap.typing import Array
+
+
+class Reaction(Protocol):
+    """Fields b_k, T/sqrt(J), that span the iron's reaction, with signs s_k (k,), 1 or -1."""
+
+    @property
+    def signs(self) -> Array:
+        """Signs (k,)."""
+
+    def fields(self, points: Array) -> tuple[Array, Array]:
+        """The fields at points.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3), m.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            b (k, n, 3), T/sqrt(J), and db_i/dx_j (k, n, 3, 3).
+        """
+
+    def second_gradient(self, points: Array) -> Array:
+        """The second derivatives of the fields at points.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3), m.
+
+        Returns
+        -------
+        Array
+            d2b_i/dx_j dx_k (k, n, 3, 3, 3).
+        """
+
+
+def signs_of(count: int, repelled: int) -> Array:
+    """Signs (count,) of fields of which the last `repelled` count negatively."""
+    return np.where(np.arange(count) < count - repelled, 1.0, -1.0)
+
+
+def own_reaction(reaction: Reaction, points: Array, moments: Array) -> tuple[Array, Array]:
+    """The reaction to single dipoles at the places of these dipoles.
+
+    Parameters
+    ----------
+    reaction
+        Of the iron.
+    points
+        Positions (n, 3), m.
+    moments
+        Moments (3,) or (n, 3), A m^2.
+
+    Returns
+    -------
+    tuple[Array, Array]
+        B (n, 3), T, and gradient (n, 3, 3), T/m: of the reaction to each dipole alone, which stays as it is.
+    """
+    flux, slope = reaction.fields(points)
+    weights = reaction.signs[:, None] * np.einsum("kni,ni->kn", flux, np.broadcast_to(moments, points.shape))
+    return np.einsum("kn,kni->ni", weights, flux), np.einsum("kn,knij->nij", weights, slope)
