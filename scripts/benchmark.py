@@ -43,6 +43,7 @@ SECTIONS = {
     "app": "benchmarks.app",
     "magpylib": "benchmarks.magpylib_sources",
     "derivatives": "benchmarks.derivatives",
+    "reaction": "benchmarks.reaction",
 }
 
 

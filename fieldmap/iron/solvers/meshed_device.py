@@ -15,7 +15,7 @@ from fieldmap.iron.materials import materials_on, require_soft_bodies
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
-from fieldmap.iron.reaction import Solve
+from fieldmap.iron.reaction import TOLERANCE, Solve
 from fieldmap.iron.report import Progress, Stages
 from fieldmap.iron.solvers.reduced import GalerkinModel, project
 from fieldmap.typing import Array
@@ -120,7 +120,7 @@ class MeshedDevice:
         own = self._unit.combined(currents[None])
         return own if self._background is None else own + self._background
 
-    def magnetised_at(self, currents: Array, potential: Array, tolerance: float = 1e-6) -> Solve:
+    def magnetised_at(self, currents: Array, potential: Array, tolerance: float = TOLERANCE) -> Solve:
         """How a state's charges change with small fields of other sources.
 
         Parameters
