@@ -310,6 +310,11 @@ class TakesPoints(ABC):
         known or left out."""
         return None
 
+    @property
+    def has_iron(self) -> bool:
+        """Whether the field is known to be that of iron, too, which magnets magnetise."""
+        return False
+
     def outlines(self) -> Sequence[Any]:
         """What a drawing shows of it (`fieldmap.device.drawing.Outline`): nothing unless a class says otherwise."""
         return ()
@@ -748,6 +753,11 @@ class FixedCurrents(FieldAtCurrents):
         """The reaction of the field's iron."""
         return self.source.reaction
 
+    @property
+    def has_iron(self) -> bool:
+        """What the field says."""
+        return self.source.has_iron
+
     def field(self, points: ArrayLike) -> Array:
         """B (n, 3), T."""
         return self.source.field(points, self.currents)
@@ -836,6 +846,11 @@ class CompletedField(Field):
     def reaction(self) -> Reaction | None:
         """What the object says; otherwise none."""
         return getattr(self.source, "reaction", None)
+
+    @property
+    def has_iron(self) -> bool:
+        """What the object says; otherwise False."""
+        return bool(getattr(self.source, "has_iron", False))
 
     def field(self, points: ArrayLike, currents: Any) -> Array:
         """B (n, 3), T."""
@@ -929,6 +944,16 @@ class StateField(FieldOfStates):
     def bounds(self) -> Bounds | None:
         """The given box, or that of the state."""
         return self._bounds if self._bounds is not None else self.state.bounds
+
+    @property
+    def reaction(self) -> Reaction | None:
+        """The reaction of the state's iron."""
+        return self.state.reaction
+
+    @property
+    def has_iron(self) -> bool:
+        """What the state says."""
+        return self.state.has_iron
 
     @property
     def assumptions(self) -> tuple[str, ...]:

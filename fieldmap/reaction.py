@@ -76,3 +76,54 @@ def own_reaction(reaction: Reaction, points: Array, moments: Array) -> tuple[Arr
     flux, slope = reaction.fields(points)
     weights = reaction.signs[:, None] * np.einsum("kni,ni->kn", flux, np.broadcast_to(moments, points.shape))
     return np.einsum("kn,kni->ni", weights, flux), np.einsum("kn,knij->nij", weights, slope)
+
+
+def own_force(reaction: Reaction, points: Array, moments: Array) -> Array:
+    """The force of the reaction to bodies of dipoles on these bodies.
+
+    Parameters
+    ----------
+    reaction
+        Of the iron.
+    points
+        Positions (n, q, 3) of the q dipoles of n bodies, m.
+    moments
+        Moments (n, q, 3), A m^2.
+
+    Returns
+    -------
+    Array
+        Force (n, 3), N.
+    """
+    n, q, _ = points.shape
+    flux, slope = reaction.fields(points.reshape(-1, 3))
+    weights = np.einsum("knqi,nqi->kn", flux.reshape(-1, n, q, 3), moments)
+    pull = np.einsum("knqij,nqi->knj", slope.reshape(-1, n, q, 3, 3), moments)
+    return np.einsum("k,kn,knj->nj", reaction.signs, weights, pull)
+
+
+def own_slopes(reaction: Reaction, point: Array, moment: Array, turning: Array) -> Array:
+    """Derivatives by the place of the force of the reaction to a dipole on this dipole: (4) with a moment that follows.
+
+    Parameters
+    ----------
+    reaction
+        Of the iron.
+    point
+        Position (3,), m.
+    moment
+        Moment (3,), A m^2.
+    turning
+        dm_i/dx_j (3, 3), A m, zero for a moment that is fixed.
+
+    Returns
+    -------
+    Array
+        dF_i/dx_j (3, 3), N/m.
+    """
+    flux, slope = (values[:, 0] for values in reaction.fields(point[None, :]))
+    pull = np.einsum("kij,i->kj", slope, moment)
+    second = np.einsum("kijl,i->kjl", reaction.second_gradient(point[None, :])[:, 0], moment)
+    second += np.einsum("kij,il->kjl", slope, turning)
+    signs, moved = reaction.signs, pull + flux @ turning
+    return np.asarray(np.einsum("k,kjl->jl", signs * (flux @ moment), second) + (signs * pull.T) @ moved)

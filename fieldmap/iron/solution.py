@@ -70,6 +70,11 @@ class _Reported:
         return self.report.assumptions
 
     @property
+    def has_iron(self) -> bool:
+        """Whether the device has iron."""
+        return self.report.magnetic_bodies > 0
+
+    @property
     def _title(self) -> str:
         return f"{type(self).__name__} of {count_of(len(self.coils), 'coil', 'coils')}"
 

@@ -22,6 +22,7 @@ from fieldmap.field import AnyField, Bounds, Field, as_field, require_bounds
 from fieldmap.levitation.places import box_of_centres, search_grid
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.lookup.payload import magnetic_body
+from fieldmap.reaction import own_force, own_slopes
 from fieldmap.typing import Array
 
 MagnetModel = Literal["fixed", "aligned", "rigid", "rigid upright"]
@@ -34,6 +35,9 @@ _TURNS = 60
 _STEPS = 20
 _CLOSE = 1e-10
 """Steps towards a place of balance by a finer rule, and one that is short, m."""
+_REACTION = "the iron's reaction to the magnets"
+_APART = 1e-5
+"""Half the distance over which the force of the reaction is differenced, m."""
 _RIGID = 3
 """Least level of the volume rule of a magnet that is rigid by name."""
 _HELD = {
@@ -72,11 +76,9 @@ def dipole_force(moment: Array, gradient: Array) -> Array:
 
 
 def upright_force(field: AnyField, currents: Any, payload: Payload, points: Array) -> Array:
-    """Force (n, 3), N, on a payload centred at points (n, 3) that does not turn: its pieces, or its dipole. Each magnet
-    is a point dipole, so that it may stand at the edge of a map."""
-    if payload.pieces:
-        return magnetic_body(payload, 1).wrench(field, points, currents)[:, :3]
-    return dipole_force(payload.moment_vector, as_field(field).gradient(points, currents))
+    """Force (n, 3), N, on a payload centred at points (n, 3) that does not turn. Each magnet is a point dipole, so that
+    it may stand at the edge of a map."""
+    return magnetic_body(payload, 1).wrench(field, points, currents)[:, :3]
 
 
 def dipole_stiffness(moment: Array, second_gradient: Array) -> Array:
@@ -162,6 +164,39 @@ class MagnetBalance(ABC):
     @abstractmethod
     def stiffness(self, position: Array) -> Array:
         """-dF/dx (3, 3) at one position (3,), N/m."""
+
+    @property
+    @abstractmethod
+    def dipoles(self) -> MagneticBody:
+        """What stands for the magnets, in the frame of `orientations`."""
+
+    def reaction_force(self, points: Array) -> Array:
+        """Share (n, 3) in the magnetic force, N, of what the machine's iron reacts to the magnets with, at points
+        (n, 3); zero where the field does not know it."""
+        if self.source.reaction is None:
+            return np.zeros_like(points)
+        turns = self.orientations(points)
+        arms, moments = (
+            np.einsum("nij,qj->nqi", turns, rows) for rows in (self.dipoles.points, self.dipoles.moments)
+        )
+        return own_force(self.source.reaction, points[:, None] + arms, moments)
+
+    def scaled_force(self, points: Array, scale: float) -> Array:
+        """Magnetic force (n, 3), N, with all of it times a scale but the reaction of the iron to the magnets, which no
+        calibration of the field changes."""
+        return scale * self.magnetic_force(points) + (1.0 - scale) * self.reaction_force(points)
+
+    def scaled_stiffness(self, position: Array, scale: float) -> Array:
+        """-dF/dx (3, 3) at one position (3,), N/m, of that force; the reaction's share in it by differences."""
+        stiffness = scale * self.stiffness(position)
+        if scale == 1.0 or self.source.reaction is None:
+            return stiffness
+        # Inside the box, also at its edge.
+        ahead, behind = (
+            np.clip(position + step, *self.box) for step in (_APART * np.eye(3), -_APART * np.eye(3))
+        )
+        change = self.reaction_force(ahead) - self.reaction_force(behind)
+        return stiffness - (1.0 - scale) * (change / np.diag(ahead - behind)[:, None]).T
 
     def orientations(self, points: Array) -> Array:
         """Rotations (n, 3, 3) of the magnet with its centre at points (n, 3): columns its axes."""
@@ -268,16 +303,29 @@ class Balance(MagnetBalance):
     def magnetic_force(self, points: Array) -> Array:
         """Magnetic force (n, 3) at points (n, 3), N."""
         self.evaluations += len(points)
-        return dipole_force(self.moments(points), self.source.gradient(points, self.currents))
+        force = dipole_force(self.moments(points), self.source.gradient(points, self.currents))
+        return force + self.reaction_force(points)
+
+    @property
+    def dipoles(self) -> MagneticBody:
+        """One along the third axis."""
+        return MagneticBody(np.zeros((1, 3)), np.array([[0.0, 0.0, self.magnitude]]))
 
     def stiffness(self, position: Array) -> Array:
         """-dF/dx (3, 3) at one position (3,), N/m."""
-        point = position[None, :]
+        point, turning = position[None, :], np.zeros((3, 3))
         second = self.source.second_gradient(point, self.currents)[0]
+        moment = self.moments(point)[0]
         if self.fixed_moment is not None:
-            return dipole_stiffness(self.fixed_moment, second)
-        b = self.source.field(point, self.currents)[0]
-        return aligned_stiffness(self.magnitude, b, self.source.gradient(point, self.currents)[0], second)
+            stiffness = dipole_stiffness(moment, second)
+        else:
+            b, slope = (part[0] for part in self.source.field_and_gradient(point, self.currents))
+            stiffness = aligned_stiffness(self.magnitude, b, slope, second)
+            along = b / np.linalg.norm(b)
+            turning = self.magnitude / np.linalg.norm(b) * (slope - np.outer(along, along @ slope))
+        if self.source.reaction is not None:
+            stiffness = stiffness - own_slopes(self.source.reaction, position, moment, turning)
+        return stiffness
 
 
 @dataclass(eq=False)
@@ -300,6 +348,11 @@ class RigidBalance(MagnetBalance):
         """Corners (2, 3) of the box that holds the magnet however it turns, and the steps beyond it, m."""
         reach = float(np.linalg.norm(self.magnet.points, axis=1).max()) + self.step
         return np.array([[-reach] * 3, [reach] * 3])
+
+    @property
+    def dipoles(self) -> MagneticBody:
+        """Those of the magnet."""
+        return self.magnet
 
     def moments(self, points: Array) -> Array:
         """Moment (n, 3) at which no torque is left, A m^2."""
@@ -352,6 +405,11 @@ class BodyBalance(MagnetBalance):
     def arms(self) -> Array:
         """Points (n, 3) of the magnets' volume rules and middles of the soft pieces, from the centre, m."""
         return self.body.all_points @ self.orientation.T
+
+    @property
+    def dipoles(self) -> MagneticBody:
+        """Those of the body's magnets; those of its soft iron follow the field."""
+        return self.body
 
     def orientations(self, points: Array) -> Array:
         """The one of the body (n, 3, 3)."""
@@ -423,7 +481,7 @@ def _frames(axis: Array) -> Array:
 
 
 def magnet_balance(
-    field: Field,
+    field: AnyField,
     currents: Array,
     payload: Payload,
     near: Array | None,
@@ -464,6 +522,7 @@ def magnet_balance(
     """
     moment = model_of(payload) if moment is None else moment
     check_choice("moment", moment, MODELS)
+    source = as_field(field)
     points = None if near is None else np.asarray(near, dtype=float).reshape(-1, 3)
     if payload.pieces:
         refuse_models_of_pieces("magnet_balance(moment)", moment)
@@ -475,14 +534,14 @@ def magnet_balance(
     upward = replace(payload, direction="up")
     finer = _finer(upward)
     if moment == "aligned":
-        return Balance(field, currents, payload.mass, payload.moment, None, finer=finer)
+        return Balance(source, currents, payload.mass, payload.moment, None, finer=finer)
     if moment != "rigid" and (payload.extended or moment == "rigid upright"):
-        return body_balance(field, currents, payload, points)
+        return body_balance(source, currents, payload, points)
     held = payload.moment_vector
     if moment == "fixed":
-        return Balance(field, currents, payload.mass, payload.moment, held, finer=finer)
+        return Balance(source, currents, payload.mass, payload.moment, held, finer=finer)
     about = (magnetic_body(upward), lever, float(np.sign(held[2])))
-    return RigidBalance(field, currents, payload.mass, payload.moment, *about, finer=finer)
+    return RigidBalance(source, currents, payload.mass, payload.moment, *about, finer=finer)
 
 
 def held_at(balance: MagnetBalance, payload: Payload, position: Array) -> tuple[str, tuple[str, ...]]:
@@ -531,6 +590,33 @@ def rule_stated(payload: Payload, moment: MagnetModel, error: float, of: str) ->
         return ()
     known = "not known" if np.isnan(error) else f"about {error:.2g} {of}"
     return (f"magnets: {taken.rule}" + (f", error {known}" if taken.sized else ""),)
+
+
+def reaction_stated(field: Field, payload: Payload, pulls: Iterable[float], where: str) -> tuple[str, ...]:
+    """Whether the iron's reaction to the magnets is in a result, and how large it is.
+
+    Parameters
+    ----------
+    field
+        Which knows the reaction of its iron, or does not.
+    payload
+        What is levitated.
+    pulls
+        Forces of the reaction, N; the largest counts.
+    where
+        Words on these places.
+
+    Returns
+    -------
+    tuple[str, ...]
+        One assumption; none of a field without iron.
+    """
+    if field.reaction is None:
+        return (f"{_REACTION}: left out",) if field.has_iron else ()
+    # That of induced moments is not told apart from the rest.
+    found = list(pulls) if payload.moment else []
+    share = f", {max(found) / (payload.mass * GRAVITY):.2g} of the weight {where}" if found else ""
+    return (f"{_REACTION}: in{share}",)
 
 
 def force_stated(payload: Payload, moment: MagnetModel, errors: Iterable[float]) -> tuple[str, ...]:

@@ -21,6 +21,7 @@ from fieldmap.levitation.balance import (
     force_stated,
     magnet_balance,
     model_assumptions,
+    reaction_stated,
 )
 from fieldmap.levitation.continuation import Fold, follow_branch
 from fieldmap.levitation.places import check_centre, check_point, check_position
@@ -102,7 +103,8 @@ def follow_equilibrium(
         The level is an unknown, so that the lift equals the weight, as with a vertical controller. Otherwise
         the level is constant and there is no condition on the vertical force.
     field_scale
-        Factor of every field, a calibration; it has an effect only if the height is held.
+        Factor of every force but that of the iron's reaction to the magnets, a calibration; without such a
+        reaction it has an effect only if the height is held.
     moment, lever
         As in `magnet_balance`.
     step
@@ -155,6 +157,9 @@ def follow_equilibrium(
         (
             *force_stated(along.payload, moment, (point.volume_error for point in points)),
             *model_assumptions(moment, lever),
+            *reaction_stated(
+                along.balance.source, along.payload, (point.reaction for point in points), "at most"
+            ),
         ),
     )
 
@@ -257,7 +262,7 @@ def _square(along: _Along, q: Array) -> Array:
         return along.slope(q, 0.0)
     balance, place = along.at(q, 0.0)
     matrix = np.empty((3, 3))
-    matrix[:, :2] = -along.field_scale * balance.stiffness(place)[:, :2] / balance.weight
+    matrix[:, :2] = -balance.scaled_stiffness(place, along.field_scale)[:, :2] / balance.weight
     ahead, behind = q.copy(), q.copy()
     ahead[2] *= 1.0 + _LEVEL_STEP
     behind[2] *= 1.0 - _LEVEL_STEP
@@ -290,13 +295,13 @@ class _Along:
     def residual(self, q: Array, parameter: float) -> Array:
         """(F_x, F_y) / weight, and F_z / weight - 1 where the height is held."""
         balance, place = self.at(q, parameter)
-        force = self.field_scale * balance.magnetic_force(place[None, :])[0] / balance.weight
+        force = balance.scaled_force(place[None, :], self.field_scale)[0] / balance.weight
         return np.array([*force[:2], force[2] - 1.0]) if self.hold_height else np.asarray(force[:2])
 
     def slope(self, q: Array, parameter: float) -> Array:
         """Derivative (2, 2) of the residual by x and y."""
         balance, place = self.at(q, parameter)
-        return -self.field_scale * balance.stiffness(place)[:2, :2] / balance.weight
+        return -balance.scaled_stiffness(place, self.field_scale)[:2, :2] / balance.weight
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -407,5 +412,10 @@ def equilibrium_sensitivity(
     held: Array = np.asarray(np.linalg.solve(matrix, by_current), dtype=float)
     horizontal = np.asarray(np.linalg.solve(stiffness[:2, :2], by_current[:2]), dtype=float)
     off = float(np.linalg.norm(balance.rule_error(point)))
-    about = (*force_stated(carried, moment, [off]), *model_assumptions(moment, lever))
+    drawn = [float(np.linalg.norm(balance.reaction_force(point[None, :])))]
+    about = (
+        *force_stated(carried, moment, [off]),
+        *model_assumptions(moment, lever),
+        *reaction_stated(source, carried, drawn, "at the place"),
+    )
     return Sensitivity(point, amperes, stiffness, by_current, horizontal, held[:2], held[2], about)

@@ -24,6 +24,7 @@ from fieldmap.levitation.balance import (
     magnet_balance,
     model_assumptions,
     modelled,
+    reaction_stated,
 )
 from fieldmap.levitation.branches import equilibrium_at
 from fieldmap.levitation.places import box_of_centres
@@ -134,9 +135,11 @@ class _Rig:
     lever: float
     # Where each magnet was found last, so that the next search begins there.
     found: dict[int, tuple[Array, float]] = dataclasses.field(default_factory=dict)
-    # The balance of each lift, and the error of the magnets' volume rule at each place, as computed last.
+    # The balance of each lift; at each place the error of the magnets' volume rule and the vertical force of the iron's
+    # reaction to them; as computed last.
     lifted: dict[int, tuple[MagnetBalance, Array]] = dataclasses.field(default_factory=dict)
     errors: dict[int, float] = dataclasses.field(default_factory=dict)
+    drawn: dict[int, float] = dataclasses.field(default_factory=dict)
 
     def lifts(self, read: LiftReadings, values: Mapping[str, float]) -> Array:
         """Lifts (n,) over the weight."""
@@ -147,9 +150,10 @@ class _Rig:
             point = np.append(place, z - values["magnet_offset"])
             given = amperes * _gains(values, len(amperes))
             balance = magnet_balance(self.source, given, self.payload, point, self.moment, self.lever)
-            lifts.append(balance.magnetic_force(point[None, :])[0, 2] / balance.weight)
+            force = balance.scaled_force(point[None, :], values["field_scale"])
+            lifts.append(force[0, 2] / balance.weight)
             self.lifted[k] = balance, point
-        return values["field_scale"] * np.array(lifts)
+        return np.array(lifts)
 
     def places(self, read: PositionReadings, values: Mapping[str, float]) -> Array:
         """Places (2 n,), m, NaN where there is none."""
@@ -178,14 +182,20 @@ class _Rig:
             except NoEquilibrium:
                 continue
             self.found[k] = (point.position[:2], carried)
-            self.errors[k] = point.volume_error
+            self.errors[k], self.drawn[k] = point.volume_error, point.reaction
             return np.asarray(point.position[:2])
         return np.full(2, np.nan)
 
-    def rule_stated(self) -> tuple[str, ...]:
-        """What stands for the magnets, and how far off the force at the readings is at most."""
-        of_lifts = [float(np.linalg.norm(balance.rule_error(at))) for balance, at in self.lifted.values()]
-        return force_stated(self.payload, self.moment, [*of_lifts, *self.errors.values()])
+    def stated(self) -> tuple[str, ...]:
+        """What stands for the magnets, and how far off the force at the readings is at most; and how large the iron's
+        reaction to them is."""
+        lifted = list(self.lifted.values())
+        of_lifts = [float(np.linalg.norm(balance.rule_error(at))) for balance, at in lifted]
+        drawn = [float(balance.reaction_force(at[None, :])[0, 2]) for balance, at in lifted]
+        return (
+            *force_stated(self.payload, self.moment, [*of_lifts, *self.errors.values()]),
+            *reaction_stated(self.source, self.payload, [*drawn, *self.drawn.values()], "at most"),
+        )
 
 
 def calibrate(
@@ -213,7 +223,8 @@ def calibrate(
     lift, positions
         The readings; one kind or both.
     fit
-        Which parameters are free. "field_scale" multiplies every force. "magnet_offset" is the
+        Which parameters are free. "field_scale" multiplies every force but that of the iron's reaction to
+        the magnets. "magnet_offset" is the
         depth of the magnet's centre below the point that the sensor reads, m. "current_scale" multiplies all
         currents before the field is asked (turns, or an amplifier's gain; where iron saturates that is not
         the same as a field scale). "gains" stands for one such factor for each coil, called "gain NAME".
@@ -285,7 +296,7 @@ def calibrate(
         found.misfit,
         found.misfit_before,
         tuple(rows),
-        (*rig.rule_stated(), *model_assumptions(moment, lever), fitted, *found.notes),
+        (*rig.stated(), *model_assumptions(moment, lever), fitted, *found.notes),
     )
 
 

@@ -16,6 +16,7 @@ from fieldmap.device.measured import MeasuredMachine, MeasuredShift
 from fieldmap.device.model import Payload
 from fieldmap.errors import Infeasible, NoEquilibrium, OutsideMapError
 from fieldmap.field import Field, require_bounds
+from fieldmap.levitation.balance import magnet_balance
 from fieldmap.levitation.lift import LiftCurrent, lift_current
 from fieldmap.levitation.places import box_of_centres
 from fieldmap.levitation.signal_surface import equilibrium_surface
@@ -105,7 +106,8 @@ def lift_by_height(
 class ForceFit(Record):
     """The one factor on the force that turns the lift currents of a field into the measured ones.
 
-    factor: least squares of factor * lift / weight - 1 at the measured currents. currents: in each coil, A, that then
+    factor: least squares of the lift over the weight, less 1, at the measured currents; the reaction of the iron to the
+    magnets stays as it is. currents: in each coil, A, that then
     lift the payload, one for each of the heights, and deviations: these over the measured ones, less 1. None at heights
     where the field does not hold the current.
     """
@@ -132,18 +134,21 @@ def fit_force(field: Field, payload: Payload, lift: Sequence[LiftAtHeight]) -> F
     ForceFit | None
         The factor, and the rows' currents with it; None if nothing was measured.
     """
-    shares = np.array([row.lift_share for row in lift if row.lift_share is not None])
+    read = [row for row in lift if row.lift_share is not None]
+    drawn = np.array([_drawn_share(field, payload, row.height) for row in read])
+    shares = np.array([row.lift_share for row in read]) - drawn
     if not shares.any():
         return None
-    factor = float(shares.sum() / (shares @ shares))
-    # What a stronger force carries at a current is what the force carries of a lighter payload.
-    scaled = replace(payload, mass=payload.mass / factor)
+    factor = float(shares @ (1.0 - drawn) / (shares @ shares))
     currents: list[float | None] = []
     deviations: list[float | None] = []
     for row in lift:
         fitted = deviation = None
         if row.measured is not None and row.lift_share:
-            found = _lift_current(field, scaled, row.height, row.measured)
+            # What a stronger force carries at a current is what the force carries of a lighter payload.
+            own = _drawn_share(field, payload, row.height)
+            lighter = replace(payload, mass=payload.mass * (own + (1.0 - own) / factor))
+            found = _lift_current(field, lighter, row.height, row.measured)
             fitted = None if found is None else found.current
             deviation = None if fitted is None else fitted / row.measured - 1.0
         currents.append(fitted)
@@ -267,3 +272,10 @@ def _lift_share(field: Field, payload: Payload, height: float, current: float) -
     except OutsideMapError:
         return None
     return force / (payload.mass * GRAVITY)
+
+
+def _drawn_share(field: Field, payload: Payload, height: float) -> float:
+    """What the iron's reaction to the magnets carries of the weight."""
+    point = np.array([0.0, 0.0, height])
+    balance = magnet_balance(field, np.zeros(len(field.coil_names)), payload, point, "fixed")
+    return float(balance.reaction_force(point[None, :])[0, 2] / balance.weight)

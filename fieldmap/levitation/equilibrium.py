@@ -21,6 +21,7 @@ from fieldmap.levitation.balance import (
     held_at,
     magnet_balance,
     model_of,
+    reaction_stated,
     refuse_models_of_pieces,
     rule_stated,
 )
@@ -184,7 +185,7 @@ def find_equilibrium(
             found = roots(balance, box, starts)
             tried += len(starts)
     if not found:
-        raise no_equilibrium(balance, grid, residuals, tried)
+        raise no_equilibrium(balance, carried, grid, residuals, tried)
     return _result(balance, box, found, begin, tried, carried, model)
 
 
@@ -221,6 +222,8 @@ def _result(
     stiffness = balance.stiffness(position)
     eigenvalues, directions, stable = _eigen(stiffness)
     rests = assumptions_of_pieces(payload) if payload.pieces else assumptions(moment)
+    drawn = [float(np.linalg.norm(balance.reaction_force(position[None, :])))]
+    rests += reaction_stated(balance.source, payload, drawn, "at the place")
     off = balance.place_error(position)
     residual = balance.residual(position[None, :])[0]
     held, notes = held_at(balance, payload, position)
@@ -260,7 +263,7 @@ def assumptions(moment: str) -> tuple[str, ...]:
     }[moment]
     return (
         held,
-        "the currents are constant and the magnet does not change the field of the coils and the iron",
+        "the currents are constant",
         "position means the magnet's centre; the sensor reads a point magnet_offset above it",
     )
 
@@ -270,7 +273,7 @@ def assumptions_of_pieces(payload: Payload) -> tuple[str, ...]:
     return (
         f"the payload of {payload.description} stays upright",
         *magnetic_body(payload).assumptions,
-        "the currents are constant and the payload does not change the field of the coils and the iron",
+        "the currents are constant",
         "position means the payload's centre; the sensor reads a point magnet_offset above it",
     )
 
@@ -332,13 +335,13 @@ def largest_step(balance: MagnetBalance) -> float:
 _ELSEWHERE = "at a place of your choice: fieldmap currents --lift, or currents_for of the map"
 
 
-def _towards_lift(balance: MagnetBalance, lift: float) -> str:
-    """What to do where the largest lift is too small for the weight."""
+def _towards_lift(balance: MagnetBalance, payload: Payload, lift: float, drawn: float) -> str:
+    """What to do where the largest lift is too small for the weight; drawn: the iron's reaction in it, N."""
     body = balance.body if isinstance(balance, BodyBalance) else None
     magnets, soft = body is None or len(body.points) > 0, body is not None and bool(body.soft)
-    if lift > 0:
+    if lift > max(drawn, 0.0):
         # The force on induced moments alone goes with the square of the currents.
-        ratio = (balance.weight / lift) ** (1.0 if magnets else 0.5)
+        ratio = ((balance.weight - drawn) / (lift - drawn)) ** (1.0 if magnets else 0.5)
         by = "" if magnets and soft else f" ({ratio:.3g} times, if the iron is linear)"
         return f"raise the currents{by}, lighten the payload, or use a map that reaches nearer to the coils"
     if not balance.currents.any():
@@ -346,12 +349,14 @@ def _towards_lift(balance: MagnetBalance, lift: float) -> str:
     # Soft iron is pulled towards the stronger field whatever the sign.
     more = "put more current into the coils above"
     if magnets:
-        over = 'payload.direction = "down" or "up"' if body is None else "the rotation of the pieces"
+        over = "the rotation of the pieces" if payload.pieces else 'payload.direction = "down" or "up"'
         more = f"turn the polarity of the coils around, or the magnet ({over})"
     return f"{more}; those that hold the payload {_ELSEWHERE}"
 
 
-def no_equilibrium(balance: MagnetBalance, grid: Array, residuals: Array, tried: int) -> NoEquilibrium:
+def no_equilibrium(
+    balance: MagnetBalance, payload: Payload, grid: Array, residuals: Array, tried: int
+) -> NoEquilibrium:
     """The error that says where balance was looked for and what lift there is."""
     lift = residuals[:, 2] + balance.weight
     high, low = int(lift.argmax()), int(lift.argmin())
@@ -363,7 +368,8 @@ def no_equilibrium(balance: MagnetBalance, grid: Array, residuals: Array, tried:
 
     weight = balance.weight
     if lift[high] < weight:
-        remedy = _towards_lift(balance, float(lift[high]))
+        drawn = float(balance.reaction_force(grid[high : high + 1])[0, 2])
+        remedy = _towards_lift(balance, payload, float(lift[high]), drawn)
     elif lift[low] > weight:
         remedy = "lower the currents, or use a map that reaches farther from the coils"
     else:

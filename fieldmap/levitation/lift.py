@@ -22,6 +22,7 @@ from fieldmap.levitation.balance import (
     held_at,
     magnet_balance,
     model_of,
+    reaction_stated,
     rule_stated,
 )
 from fieldmap.levitation.places import check_centre, check_position
@@ -144,7 +145,7 @@ def lift_current(
 
 
 def _require_pull(balance: MagnetBalance, point: Array, force: Array) -> None:
-    """Raise Infeasible for a force (3,), N, without a vertical part."""
+    """Raise Infeasible for a force (3,), N, of the currents without a vertical part."""
     middle = (point + balance.arms.mean(axis=0))[None, :]
     size = balance.magnitude * np.linalg.norm(balance.source.gradient(middle, balance.currents))
     # Rounding leaves some 1e-16 of the gradient where the force vanishes.
@@ -165,8 +166,8 @@ def _superposed(field: Field, payload: Payload, point: Array, shares: Array) -> 
     balance = magnet_balance(field, shares, payload, point, _model(payload))
     check_position(balance.box, point, _POSITION)
     if field.proportional:
-        without = np.zeros(3)
-        held = "field and force are proportional to the currents (no saturation)"
+        without = balance.reaction_force(at)[0]
+        held = "the field is proportional to the currents (no saturation)"
     else:
         without = replace(balance, currents=0.0 * shares).magnetic_force(at)[0]
         held = "a field that no current drives, and fields in proportion to the currents (no saturation)"
@@ -189,6 +190,8 @@ def _lift(
     held, notes = held_at(balance, payload, point)
     off = abs(float(balance.rule_error(point)[2] / force_per_ampere[2]))
     rule = rule_stated(payload, _model(payload), off, "A of the current")
+    drawn = [float(np.linalg.norm(balance.reaction_force(point[None, :])))]
+    notes = (*reaction_stated(balance.source, payload, drawn, "at the place"), *notes)
     return LiftCurrent(
         current=current,
         currents=balance.currents,
@@ -237,7 +240,7 @@ def _by_secant(
                 remedy = 'turn the shares around, or the magnet (payload.direction = "down" or "up")'
             raise OutsideMapError.of(_at(point), must_hold, received, remedy) from error
         if not tried and not payload.soft:
-            _require_pull(balance, point, forces[0])
+            _require_pull(balance, point, forces[0] - balance.reaction_force(at)[0])
         tried.append((current, float(forces[-1][2] / balance.weight - 1.0)))
         if on_state is not None:
             on_state(current, tried[-1][1] + 1.0)
@@ -286,7 +289,7 @@ def _model(payload: Payload) -> MagnetModel:
 def _upright(payload: Payload) -> str:
     what = f"the payload of {payload.description}" if payload.pieces else "the magnet"
     how = "stays upright" if _model(payload) == "fixed" else "stays parallel to the local field"
-    return f"{what} {how} and does not magnetise the iron"
+    return f"{what} {how}"
 
 
 def _next_current(tried: Sequence[tuple[float, float]], power: float = 1.0) -> float:

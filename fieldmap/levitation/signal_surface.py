@@ -16,7 +16,7 @@ from fieldmap.currents import LiftAndDirections
 from fieldmap.device.model import Payload
 from fieldmap.errors import NoEquilibrium, OutsideMapError
 from fieldmap.field import AnyField, Field, as_field, coil_currents, require_bounds
-from fieldmap.levitation.balance import force_stated, magnet_balance
+from fieldmap.levitation.balance import force_stated, magnet_balance, reaction_stated
 from fieldmap.levitation.branches import equilibrium_at
 from fieldmap.levitation.lift import idle_note, no_lift, signal_pushes
 from fieldmap.levitation.places import box_of_centres, check_centre, check_position
@@ -127,6 +127,7 @@ def equilibrium_surface(
     positions, levels = np.full((len(x), len(y), 3), np.nan), np.full((len(x), len(y)), np.nan)
     stable = np.zeros(levels.shape, dtype=bool)
     errors: list[float] = []
+    drawn: list[float] = []
 
     def rest(at: tuple[int, int], start: Array, begin: float, held: bool, scale: float) -> StationaryPoint:
         def path(u: float) -> tuple[Array, float]:
@@ -135,18 +136,24 @@ def equilibrium_surface(
         point, levels[at] = equilibrium_at(source, carried, path, start, begin, held, scale)
         positions[at], stable[at] = point.position, point.kind == "stable"
         errors.append(point.volume_error)
+        drawn.append(point.reaction)
         return point
 
     (centre, _), *others = _outward(x, y)
-    lift = rest(centre, middle[:2], level, False, 1.0).lift
-    scale = carried.mass * GRAVITY / lift if hold_height and lift > 0 else 1.0
+    begin = rest(centre, middle[:2], level, False, 1.0)
+    by_field, weight = begin.lift - begin.reaction, carried.mass * GRAVITY
+    scale = (weight - begin.reaction) / by_field if hold_height and by_field > 0 else 1.0
     for at, before in others:
         if np.isfinite(levels[before]):
             with suppress(NoEquilibrium, OutsideMapError):
                 rest(at, positions[before][:2], float(levels[before]), hold_height, scale)
     follows = "the level follows, so that the lift stays what it is at the signals nearest to 0"
     constant = "the level is constant; the vertical force is left unbalanced"
-    held = (*force_stated(carried, "fixed", errors), follows if hold_height else constant)
+    held = (
+        *force_stated(carried, "fixed", errors),
+        *reaction_stated(source, carried, drawn, "at most"),
+        follows if hold_height else constant,
+    )
     return EquilibriumSurface(
         x, y, positions, levels, stable, scale, (words, *held, "the payload stays upright")
     )
@@ -157,10 +164,11 @@ def _least_power(
 ) -> tuple[Callable[[Array], Array], str]:
     """How level and direction signals (3,) become currents (n_coils,) of least power, and that in words."""
     lift = coil_currents(shares, field.coil_names)
-    balance = magnet_balance(field, level * lift, payload, point)
+    balance = magnet_balance(field, level * lift, payload, point, "fixed")
     check_position(balance.box, point, "equilibrium_surface(height)")
     gradient = field.gradient(point[None, :] + balance.arms.mean(axis=0), level * lift)
-    if balance.magnetic_force(point[None, :])[0, 2] <= 1e-12 * balance.magnitude * np.linalg.norm(gradient):
+    by_field = (balance.magnetic_force(point[None, :]) - balance.reaction_force(point[None, :]))[0]
+    if by_field[2] <= 1e-12 * balance.magnitude * np.linalg.norm(gradient):
         raise no_lift("equilibrium_surface", point)
     force = balance.force_per_current(point)
     pushes, idle = signal_pushes(force)

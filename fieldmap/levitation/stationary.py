@@ -17,6 +17,7 @@ from fieldmap.levitation.balance import (
     force_stated,
     magnet_balance,
     model_assumptions,
+    reaction_stated,
 )
 from fieldmap.levitation.places import check_point, check_position
 from fieldmap.lookup.payload import check_payload
@@ -46,6 +47,8 @@ class StationaryPoint(Record):
     lift : vertical magnetic force, N.
     volume_error : by how much a finer volume rule of the magnets changes the force, N; 0 where the rule is exact
         or no shape is known, NaN where the finer rule leaves the field.
+    reaction : vertical force of the iron's reaction to the magnets, N, part of the lift; 0 where the field does not
+        know it.
     """
 
     position: Array
@@ -54,6 +57,7 @@ class StationaryPoint(Record):
     kind: Kind
     lift: float
     volume_error: float
+    reaction: float
 
     @property
     def trace(self) -> float:
@@ -166,8 +170,9 @@ def stationary_points(
     found.sort(key=lambda p: float(np.linalg.norm(p - middle)))
     points = tuple(describe(balance, p) for p in found)
     rule = force_stated(carried, moment, (point.volume_error for point in points))
+    drawn = reaction_stated(source, carried, (point.reaction for point in points), "at most")
     held = model_assumptions(moment, lever)
-    return StationarySet(points, turns, low, high, height, (*rule, *held))
+    return StationarySet(points, turns, low, high, height, (*rule, *held, *drawn))
 
 
 def describe(balance: MagnetBalance, position: Array) -> StationaryPoint:
@@ -177,7 +182,8 @@ def describe(balance: MagnetBalance, position: Array) -> StationaryPoint:
     kind: Kind = "stable" if values[0] > 0 else "unstable" if values[1] <= 0 else "saddle"
     lift = float(balance.magnetic_force(position[None, :])[0, 2])
     off = float(np.linalg.norm(balance.rule_error(position)))
-    return StationaryPoint(position, stiffness, values, kind, lift, off)
+    drawn = float(balance.reaction_force(position[None, :])[0, 2])
+    return StationaryPoint(position, stiffness, values, kind, lift, off, drawn)
 
 
 def to_equilibrium(balance: MagnetBalance, start: Array, low: Array, high: Array) -> Array | None:

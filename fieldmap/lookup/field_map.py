@@ -157,6 +157,11 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         return self._reaction
 
     @property
+    def has_iron(self) -> bool:
+        """Whether the device of the map has iron."""
+        return bool(self._info.provenance.solver_report.get("magnetic_bodies"))
+
+    @property
     def parametrisation(self) -> CurrentParametrisation | None:
         """The current parametrisation for which a map of saturating iron was made; None for any other map."""
         reduced = self._info.reduced_model

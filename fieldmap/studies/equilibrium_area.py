@@ -13,7 +13,7 @@ import numpy as np
 from fieldmap.device.model import Payload
 from fieldmap.errors import FieldmapError
 from fieldmap.field import Field, require_bounds
-from fieldmap.levitation import GRAVITY, Equilibrium, dipole_force
+from fieldmap.levitation import GRAVITY, Equilibrium
 from fieldmap.typing import Array
 
 DIRECTIONS = 64
@@ -74,7 +74,7 @@ def area_outline(field: Field, found: Equilibrium, payload: Payload, share: floa
         points = np.empty((*lengths.shape, 3))
         points[..., :2] = found.position[:2] + lengths[..., None] * rays[:, None]
         points[..., 2] = found.position[2]
-        force = dipole_force(found.moment, field.gradient(points.reshape(-1, 3), found.currents))
+        force = field.wrench(points.reshape(-1, 3), found.moment, found.currents)
         return np.linalg.norm(force[:, :2], axis=1).reshape(lengths.shape) - limit
 
     beyond = excess(radii) > 0.0

@@ -26,6 +26,7 @@ class MeshedDevice:
 
     _form_class: type[PotentialForm] = PotentialForm
     _many_solutions = True
+    has_iron = True
 
     def __init__(self, device: Device, refinement: float, progress: Progress | None, symmetry: str) -> None:
         self.device = device
