@@ -14,7 +14,7 @@ from fieldmap.device.measured import MeasuredMachine, measured_on
 from fieldmap.device.model import Payload
 from fieldmap.device.payload import moment_held
 from fieldmap.errors import InputError
-from fieldmap.field import Bounds, dipole_wrench
+from fieldmap.field import Bounds
 from fieldmap.io.field_source import FieldSource
 from fieldmap.lookup.inverse import currents_for
 from fieldmap.lookup.magnetic_body import MagneticBody
@@ -117,7 +117,7 @@ def probe(
                 size = np.linalg.norm(flux, axis=1, keepdims=True)
                 along = np.divide(flux, size, out=np.zeros_like(flux), where=size > 0.0)
                 moments = float(np.linalg.norm(whole)) * along
-            wrench = dipole_wrench(flux, slope, moments)
+            wrench = source.field.wrench(points, moments, amperes)
         loads = [(np.array(m), w[:3], w[3:]) for m, w in zip(moments, wrench, strict=True)]
     rows = zip(points, flux, slope, loads, strict=True)
     told = tuple(ProbedPoint(at, amperes, b, g, *load) for at, b, g, load in rows)

@@ -15,7 +15,9 @@ and the matrix W of their mutual reactions is factored: b = sum of the dipoles' 
 the roots of its eigenvalues (Nystroem's method). W is symmetric up to the error of the discretisation, which is told.
 """
 
-from collections.abc import Callable, Iterable
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +41,10 @@ TOLERANCE = 1e-4
 _PER_EDGE, _SPANNED = 6, 1e-2
 # Faces of the iron that tell whether they are.
 _FACES = 1000
+# Places and directions this near, as shares, are the same.
+_SAME = 1e-6
+# So many times as many dipoles are taken as span the fields, if most are images of others.
+_MORE = 1.5
 # Dipoles that are solved at a time: their fields in the iron take memory.
 _AT_ONCE = 24
 # As many places in the box take part in the choice of the fields as tell their error; most fields.
@@ -105,12 +111,28 @@ class ReactionFields(Record):
         return np.moveaxis(slopes[:, 0] - slopes[:, 1], 1, -1) / (2.0 * STEP)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Image(Record):
+    """x -> matrix @ x + offset maps the iron onto itself, and face k onto face faces[k]."""
+
+    matrix: Array
+    offset: Array
+    faces: Index
+
+    def keeps(self, lower: Array, upper: Array) -> bool:
+        """Whether it maps a box onto itself."""
+        corners = np.stack([lower, upper]) @ self.matrix.T + self.offset
+        size = np.linalg.norm(upper - lower)
+        return bool(np.abs(np.sort(corners, axis=0) - [lower, upper]).max() < _SAME * size)
+
+
 def reaction_fields(
     solve: Solve,
     faces: ChargedFaces,
     box: tuple[Array, Array],
     share: float = 5e-3,
     others: Iterable[Solve] = (),
+    images: Sequence[Image] = (),
 ) -> ReactionFields | None:
     """The fields that span the reaction of iron to magnets in a box.
 
@@ -126,6 +148,9 @@ def reaction_fields(
         Wanted error of the reaction to dipoles on the surface of the box, and of their forces, as shares of these.
     others
         The same iron in other states, for `ReactionFields.change`.
+    images
+        Operations that map the iron, in this state, onto itself: the reaction to the image of a dipole is the image of
+        the reaction.
 
     Returns
     -------
@@ -139,8 +164,8 @@ def reaction_fields(
         If the iron cannot be solved.
     """
     lower, upper = (np.asarray(corner, dtype=np.float64) for corner in box)
-    chosen = _spanning(_shell(lower, upper), faces)
-    charge = _solved(solve, chosen)
+    wanted = _spanning(_shell(lower, upper), faces)
+    chosen, charge = _with_images(solve, wanted, [image for image in images if image.keeps(lower, upper)])
     flux, slope = faces.field_and_gradient(chosen.points, charge)
     mutual = np.einsum("sni,ni->ns", flux, chosen.axes)
     if not mutual.any():
@@ -192,7 +217,7 @@ class _Own(Record):
     size: Array
 
     @classmethod
-    def of(cls, dipoles: "_Dipoles", flux: Array, slope: Array, room: Array) -> "_Own":
+    def of(cls, dipoles: _Dipoles, flux: Array, slope: Array, room: Array) -> _Own:
         """Of flux density (n, 3) and gradient (n, 3, 3) at the dipoles. room: edges of the box; where symmetry leaves
         no force, the energy over its diagonal stands for it."""
         force = np.einsum("ni,nij->nj", dipoles.axes, slope)
@@ -217,10 +242,10 @@ class _Dipoles(Record):
     axes: Array
 
     @classmethod
-    def along_all_axes(cls, points: Array) -> "_Dipoles":
+    def along_all_axes(cls, points: Array) -> _Dipoles:
         return cls(np.repeat(points, 3, axis=0), np.tile(np.eye(3), (len(points), 1)))
 
-    def part(self, of: Index | slice) -> "_Dipoles":
+    def part(self, of: Index | slice) -> _Dipoles:
         return _Dipoles(self.points[of], self.axes[of])
 
     def flux_densities(self, x: Array) -> Array:
@@ -241,7 +266,7 @@ def _shell(lower: Array, upper: Array) -> Array:
 
 
 def _spanning(candidates: Array, faces: ChargedFaces) -> _Dipoles:
-    """Dipoles whose normal fields at the iron span those of dipoles at all candidates (n, 3)."""
+    """Dipoles whose normal fields at the iron span those of dipoles at all candidates (n, 3), the most needed first."""
     few = faces.part(np.arange(0, len(faces.areas), 1 + len(faces.areas) // _FACES))
     dipoles = _Dipoles.along_all_axes(candidates)
     rows = [
@@ -249,7 +274,37 @@ def _spanning(candidates: Array, faces: ChargedFaces) -> _Dipoles:
     ]
     _, factor, order = qr((np.concatenate(rows) * np.sqrt(few.areas)).T, mode="economic", pivoting=True)
     left = np.abs(np.diagonal(factor))
-    return dipoles.part(np.sort(order[: len(left)][left > _SPANNED * left[0]]))
+    return dipoles.part(order[: len(left)][left > _SPANNED * left[0]])
+
+
+def _with_images(solve: Solve, wanted: _Dipoles, images: Sequence[Image]) -> tuple[_Dipoles, Array]:
+    """As many of these dipoles with their images as were wanted, or a few more, and the charge densities for each. One
+    of each set of images is solved for."""
+    size = np.abs(wanted.points).max()
+    taken: list[tuple[int, Array, Array, Index | None, float]] = []
+    solved: list[int] = []
+    for k, (point, axis) in enumerate(zip(wanted.points, wanted.axes, strict=True)):
+        if len(taken) >= _MORE * len(wanted.points):
+            break
+        first = len(taken)
+        for image in (None, *images):
+            place, along, faces = point, axis, None
+            if image is not None:
+                place, along, faces = image.matrix @ point + image.offset, image.matrix @ axis, image.faces
+            # A dipole along -x is that along x, times -1.
+            sign = float(np.sign(along[np.abs(along).argmax()]))
+            near = (
+                np.abs(place - x).max() < _SAME * size and abs(along @ a) > 1.0 - _SAME
+                for _, x, a, *_ in taken
+            )
+            if not any(near):
+                taken.append((len(solved), place, sign * along, faces, sign))
+        solved += [k] if len(taken) > first else []
+    of_solved = _solved(solve, wanted.part(np.array(solved)))
+    charge = np.empty((len(taken), of_solved.shape[1]))
+    for row, (number, _, _, faces, sign) in zip(charge, taken, strict=True):
+        row[slice(None) if faces is None else faces] = sign * of_solved[number]
+    return _Dipoles(np.array([one[1] for one in taken]), np.array([one[2] for one in taken])), charge
 
 
 def _solved(solve: Solve, dipoles: _Dipoles) -> Array:

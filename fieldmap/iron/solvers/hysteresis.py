@@ -29,7 +29,7 @@ from fieldmap.iron.materials import materials_on
 from fieldmap.iron.reaction import ReactionFields, reaction_fields
 from fieldmap.iron.report import report_of
 from fieldmap.iron.solution import PotentialSolution
-from fieldmap.iron.solvers.linear import check_arguments
+from fieldmap.iron.solvers.linear import check_arguments, images_of
 from fieldmap.iron.solvers.meshed_device import MeshedDevice
 from fieldmap.iron.solvers.nonlinear import StateImage
 from fieldmap.iron.solvers.reduced import GalerkinModel
@@ -337,7 +337,8 @@ class HysteresisSolver(MeshedDevice):
             If the iron cannot be solved.
         """
         nothing = np.zeros(len(self.device.coils)), np.zeros(self._form.elements.count)
-        return reaction_fields(self.magnetised_at(*nothing), self.surface, box, share)
+        alike = self.magnetised_at(*nothing)
+        return reaction_fields(alike, self.surface, box, share, images=images_of(self._iron))
 
     def project(self, basis: Array, air: Array | None = None) -> GalerkinModel:
         """The iron on a basis of nodal potentials, with its play cells: as `NonlinearSolver.project`."""

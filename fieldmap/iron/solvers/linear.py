@@ -18,7 +18,8 @@ from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.materials import BodyProperties, background_notes, body_properties
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import AssembledIron, assemble
-from fieldmap.iron.reaction import TOLERANCE, ReactionFields, Solve, reaction_fields
+from fieldmap.iron.operators.mutual import face_images
+from fieldmap.iron.reaction import TOLERANCE, Image, ReactionFields, Solve, reaction_fields
 from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
 from fieldmap.iron.sensitivity.adjoint import Origin
 from fieldmap.iron.solution import LinearSolution
@@ -149,7 +150,8 @@ def solve_linear_and_reaction(
     reaction = None
     if box is not None:
         stages.next("reaction of the iron to magnets in the workspace", 0.9)
-        reaction = reaction_fields(_magnetised(problem, properties, TOLERANCE), iron.surface, box)
+        alike = _magnetised(problem, properties, TOLERANCE)
+        reaction = reaction_fields(alike, iron.surface, box, images=images_of(iron))
     stages.done()
     return solution, reaction
 
@@ -164,6 +166,18 @@ def _magnetised(problem: ConvexForm, properties: BodyProperties, tolerance: floa
         return problem.solve_linear(material, elements.coil_field(field), tolerance, rough=True).iron.density
 
     return solve
+
+
+def images_of(iron: AssembledIron) -> list[Image]:
+    """The operations that map iron without currents onto itself, but for the identity."""
+    symmetry, topology = iron.mesh.symmetry, iron.topology
+    if symmetry is None:
+        return []
+    faces = face_images(symmetry, topology.nodes[topology.surface])
+    moves = zip(symmetry.group.operations, faces, strict=True)
+    return [
+        Image(one.matrix, one.offset, of) for one, of in moves if not np.array_equal(one.matrix, np.eye(3))
+    ]
 
 
 def form_on(iron: AssembledIron, form: str) -> ConvexForm:

@@ -40,7 +40,7 @@ from fieldmap.iron.reaction import ReactionFields, Solve, reaction_fields
 from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
 from fieldmap.iron.sensitivity.adjoint import IronProblem, Origin
 from fieldmap.iron.solution import NonlinearSolution
-from fieldmap.iron.solvers.linear import check_arguments
+from fieldmap.iron.solvers.linear import check_arguments, images_of
 from fieldmap.iron.solvers.meshed_device import MeshedDevice
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_density_and_gradient
@@ -512,7 +512,10 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
             return self.magnetised_at(amperes, self.at(amperes).state.potential[:, 0])
 
         rest = np.zeros(len(self.coil_names)) if currents is None else np.asarray(currents, float)
-        return reaction_fields(at(rest), self.surface, box, share, map(at, others))
+        # Currents and magnets make a state that symmetric iron does not have.
+        alone = not rest.any() and not self._material.remanence.any() and self.device.background is None
+        images = images_of(self._iron) if alone else []
+        return reaction_fields(at(rest), self.surface, box, share, map(at, others), images)
 
     def differential_inductance(self, state: NonlinearSolution, tolerance: float = 1e-8) -> Array:
         """Derivatives of the flux linkages by the currents. Where the iron saturates they are less than linkage per
