@@ -117,19 +117,19 @@ class LiveMap:
         return np.array([*(0.5 * (lower + upper))[:2], np.clip(height, lower[2], upper[2])])
 
     def _start(self, height: float) -> Array:
-        """The map's reference currents; in a linear map as many times as carries the weight at a height, beside what no
-        current drives."""
+        """The map's reference currents; in a linear map as many times as carries the weight at a height, beside what is
+        there without currents."""
         reference = np.array(self.field_map.info.reference_current, dtype=float)
         if self.field_map.info.reduced_model is not None:
             return reference
-        slope = self.field_map.gradient(self._place(height), reference)[2, 2]
-        wanted = self.weight / self._payload.moment_vector[2]
-        off = (
-            0.0
-            if self.field_map.proportional
-            else self.field_map.constant_gradient(self._place(height))[2, 2]
+        place = self._place(height)
+        lift, off = (
+            magnet_balance(self.field_map, amperes, self._payload, place, "fixed").magnetic_force(
+                place[None]
+            )[0, 2]
+            for amperes in (reference, 0.0 * reference)
         )
-        return reference * (wanted - off) / (slope - off) if slope != off else reference
+        return reference * (self.weight - off) / (lift - off) if lift != off else reference
 
     def currents(self, values: ArrayLike) -> Array:
         """Currents (n_coils,), A, at the values of `controls`."""

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
+import fieldmap as fm
 from fieldmap.currents import IndependentCurrents, LiftAndDirections, divide_currents
 from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.errors import InputError, OutsideMapError
@@ -70,6 +71,17 @@ def test_it_begins_where_the_magnet_is_carried(field_map, live):
     np.testing.assert_allclose(answer.equilibrium.position, answer.place, atol=1e-6)
     # Twice the force at half the currents.
     np.testing.assert_allclose(2 * answer.currents, [c.value for c in live.controls[:2]])
+
+
+def test_it_begins_with_what_the_iron_leaves_of_the_weight(tmp_path):
+    device = fm.read_device("desk_levitator")
+    path = fm.generate(device, tmp_path / "desk.h5", spacing=3e-3, progress=False)
+    currents = []
+    for field in (fm.open_map(path), fm.open_map(path, reaction=False)):
+        answer = LiveMap(field, device.payload, POINTS[:1] + field.upper).answer
+        assert answer.lift == pytest.approx(1.0)
+        currents.append(answer.currents[0])
+    assert 0.0 < currents[0] < 0.7 * currents[1]
 
 
 def test_without_an_equilibrium_there_are_words(live):
