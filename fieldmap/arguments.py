@@ -174,4 +174,4 @@ def remedy_of_moment(value: object, remedy: str) -> str:
     """`remedy`, or what to do where a data object, such as a payload, stands in the place of a moment."""
     if not isinstance(value, Record):
         return remedy
-    return "of a payload give fieldmap.lookup.magnetic_body(payload), or its moment as (0, 0, payload.moment)"
+    return "of a payload give fieldmap.lookup.magnetic_body(payload), or payload.moment_vector"

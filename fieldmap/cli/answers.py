@@ -52,7 +52,7 @@ def probe(
     Parameters
     ----------
     payload
-        Force and torque on the device's payload, moment upward.
+        Force and torque on the device's payload, whose moment points as payload.direction says.
     """
     from fieldmap.io import answers
 
@@ -64,9 +64,11 @@ def probe(
     with Progress("solving") as progress:
         found = options.find_named(source, iron, progress, settings)
         magnet = options.magnet_of_options(found, moment, payload_of, "--payload" if payload else "")
+        carried = None if moment else options.payload_of_option(found, payload_of)
+        turns = carried is not None and not carried.pieces and carried.turning == "free"
         try:
             amperes = arguments.parse_currents(currents, found.coil_names)
-            answer = answers.probe(found, points, amperes, magnet)
+            answer = answers.probe(found, points, amperes, magnet, turns)
         except OutsideMapError as error:
             remedy = "--at is in m, --at-mm in mm" if at else "stay in the box, or make a larger map"
             # The other problems are about currents.
@@ -95,6 +97,8 @@ def _probe_page(answer: Probe) -> Iterator[page.Section]:
 
 def force_table(answer: Probe) -> RenderableType | None:
     """Force and torque on the moment at each point; nothing without a moment."""
+    from fieldmap.io.answers import ALONG_FIELD
+
     first, rows = answer.points[0].moment, []
     if first is None:
         return None
@@ -108,7 +112,11 @@ def force_table(answer: Probe) -> RenderableType | None:
         rows.append((f"{page.place(point.at)} mm", *page.cells((*force, *torque), ".5g", 1e3)))
     moment = ", ".join(page.cells(page.without_noise(first), ".4g"))
     columns = ("at", "Fx mN", "Fy mN", "Fz mN", "Tx mN m", "Ty mN m", "Tz mN m")
-    return Group(Text(f"Force and torque on a moment of ({moment}) A m2"), page.table(columns, rows))
+    if answer.held == ALONG_FIELD:
+        moment = f"{np.linalg.norm(first):.4g}"
+    return Group(
+        Text(f"Force and torque on a moment of ({moment}) A m2: {answer.held}"), page.table(columns, rows)
+    )
 
 
 def currents(
@@ -119,6 +127,8 @@ def currents(
     force: Annotated[str | None, option("--force", "X Y Z")] = None,
     torque: Annotated[str | None, option("--torque", "X Y Z")] = None,
     field: Annotated[str | None, option("--field", "X Y Z")] = None,
+    direction: Annotated[str | None, option("--direction", "X Y Z")] = None,
+    least_field: Annotated[float, option("--least-field", "T", min=0.0)] = 0.0,
     moment: options.Moment = None,
     payload_of: options.PayloadOf = None,
     limit: options.Limit = None,
@@ -131,8 +141,9 @@ def currents(
 ) -> None:
     """Find the currents of least power that give a force, a torque or a flux density at a point.
 
-    Force and torque act on the payload, upright, or on --moment. The exit code is 1 if no currents within the limits
-    give what was asked for; the message says what can be had.
+    Force and torque act on the payload, upright, or on --moment. With --direction the magnet follows the field, which
+    then points that way; so does --lift of five coils or more for a payload that states turning = "free". The exit code
+    is 1 if no currents within the limits give what was asked for; the message says what can be had.
 
     Example: fieldmap currents eight_coils_bead --at-mm 0 0 0 --lift
 
@@ -146,11 +157,20 @@ def currents(
         Torque, N m; nan leaves a component free.
     field
         Flux density, T; nan leaves a component free.
+    direction
+        Way in which the flux density points, of whatever size, and the magnet with it.
+    least_field
+        With --direction: at least this flux density along it.
     """
     from fieldmap.io.answers import least_power, lift_force
 
     points = arguments.parse_points(at, at_mm)
-    given = {"force": (force, "N"), "torque": (torque, "N m"), "field": (field, "T")}
+    given = {
+        "force": (force, "N"),
+        "torque": (torque, "N m"),
+        "field": (field, "T"),
+        "direction": (direction, "any unit"),
+    }
     asked = {
         name: arguments.parse_wanted(text, f"--{name}", unit)
         for name, (text, unit) in given.items()
@@ -160,13 +180,18 @@ def currents(
     iron, settings = options.of_device(changes, mu_r, nonlinear, refinement, form)
     with Progress("solving") as progress:
         found = options.find_named(source, iron, progress, settings)
-        acts = moment or lift or not asked.keys() <= {"field"}
+        acts = moment or lift or not asked.keys() <= {"field", "direction"}
         magnet = options.magnet_of_options(found, moment, payload_of, "a force") if acts else None
         if lift:
             payload = options.payload_of_option(found, payload_of)
             asked["force"] = lift_force(payload, len(found.coil_names))
+            # Three components of a force and two of a direction.
+            steered = payload is not None and not payload.pieces and len(found.coil_names) >= 5
+            if payload is not None and steered and payload.turning == "free":
+                asked.setdefault("direction", np.sign(payload.moment_vector))
         driver = None if found.driver is None else found.driver.current_limit
-        answer = least_power(found, points[0], magnet, driver if limit is None else limit, **asked)
+        most = driver if limit is None else limit
+        answer = least_power(found, points[0], magnet, most, least_field, **asked)
     page.print_result(answer, _currents_page, json)
 
 
@@ -185,7 +210,7 @@ def _check_demand(
         remedy = "give one --at X Y Z (m) or --at-mm X Y Z"
         problems.append(Problem("--at", "must give one point", f"{len(points)} points", remedy))
     if not (lift or asked):
-        must_hold = "must have --lift, --force, --torque or --field"
+        must_hold = "must have --lift, --force, --torque, --field or --direction"
         remedy = "--lift asks for the payload's weight, --force 0 0 0.01 for 10 mN upward"
         problems.append(Problem("currents", must_hold, "none of them", remedy))
     if asked and all(np.isnan(values).all() for values in asked.values()):
@@ -218,6 +243,9 @@ def _currents_page(answer: LeastPower) -> Iterator[page.Section]:
 def _demand(answer: LeastPower) -> Iterator[tuple[str, str]]:
     units = {"force": "mN", "torque": "mN m", "field": "mT"}
     for name, values in answer.asked.items():
+        if name == "direction":
+            yield name, f"B along ({', '.join(page.cells(values, '.4g'))})"
+            continue
         parts = ", ".join("free" if np.isnan(value) else f"{1e3 * value:.5g}" for value in values)
         yield name, f"({parts}) {units[name]} at {page.place(answer.given.points[0].at)} mm"
     none = "none; --limit sets one"
@@ -231,7 +259,7 @@ def equilibrium(
     height_mm: options.HeightMm = None,
     sensor_mm: Annotated[float | None, option("--sensor-mm", "MM")] = None,
     start: Annotated[str | None, option("--start", "X Y Z")] = None,
-    orientation: Annotated[str, option("--orientation", "NAME")] = "fixed",
+    orientation: Annotated[str | None, option("--orientation", "NAME")] = None,
     payload_of: options.PayloadOf = None,
     changes: options.Changes = None,
     mu_r: options.MuR = None,
@@ -254,7 +282,8 @@ def equilibrium(
     start
         Where the search begins, m.
     orientation
-        fixed: the magnet stays vertical; aligned: it follows the field.
+        fixed: the magnet keeps its direction; aligned: it follows the field. Unless given, aligned if the payload
+        states turning = "free", fixed otherwise.
     """
     from fieldmap.io.answers import floating, lifted
     from fieldmap.lookup.payload import check_payload
@@ -278,14 +307,15 @@ def equilibrium(
     page.print_result(answer, _equilibrium_page, json)
 
 
-def _check_search(found: FieldSource, payload: Payload, start: Array | None, orientation: str) -> None:
+def _check_search(found: FieldSource, payload: Payload, start: Array | None, orientation: str | None) -> None:
     """Raise InputError, before anything is solved, for a start or an orientation that does not fit."""
     from fieldmap.io.answers import MOMENTS, require_box
     from fieldmap.levitation.places import check_centre
 
     if start is not None:
         check_centre(require_box(found), payload, start, "--start")
-    check(orientation in MOMENTS, "--orientation", "must be fixed or aligned", orientation, "choose one")
+    given = orientation or "fixed"
+    check(given in MOMENTS, "--orientation", "must be fixed or aligned", given, "choose one")
 
 
 def _tell_state(current: float, share: float) -> None:
@@ -343,10 +373,10 @@ def _to_a_micrometre(point: Array) -> str:
 
 def _floating_rows(answer: Levitation, found: Equilibrium) -> Iterator[tuple[str, str]]:
     report = found.report
-    turned = "induced" if answer.payload.soft else "up" if found.moment[2] > 0 else "down"
     left = np.linalg.norm(found.force_residual) / (answer.payload.mass * GRAVITY)
     trace = found.trace / np.linalg.norm(found.stiffness)
-    yield "moment", f"{turned}, {found.angle_to_field:.2f} degrees from the field"
+    held = found.held.removeprefix("moment ")
+    yield "moment", f"{held}, {found.angle_to_field:.2f} degrees from the field"
     yield "residual", f"{left:.1e} of the weight; {report.starts} starts, {report.evaluations} field points"
     yield "trace", f"{trace:.1e} of the stiffness (0 for a fixed dipole, below 0 for an aligned one)"
     for point in found.others:
@@ -356,6 +386,7 @@ def _floating_rows(answer: Levitation, found: Equilibrium) -> Iterator[tuple[str
 def _lift_rows(answer: Levitation, found: LiftCurrent) -> Iterator[tuple[str, str]]:
     sideways = ", ".join(page.cells(page.without_noise(found.force)[:2], ".3g", 1e3))
     each = " in every coil" if len(answer.source.coil_names) > 1 else ""
+    yield "moment", found.held.removeprefix("moment ")
     yield "lift current", f"{found.current:.4f} A{each}"
     machine, measured, limit = answer.machine, answer.measured_current, answer.current_limit
     if machine is not None and measured is not None:

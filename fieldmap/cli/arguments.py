@@ -9,7 +9,18 @@ import numpy as np
 from fieldmap.errors import InputError, Problem
 from fieldmap.typing import Array
 
-_LISTS = ("--at", "--at-mm", "--currents", "--field", "--force", "--level", "--moment", "--start", "--torque")
+_LISTS = (
+    "--at",
+    "--at-mm",
+    "--currents",
+    "--direction",
+    "--field",
+    "--force",
+    "--level",
+    "--moment",
+    "--start",
+    "--torque",
+)
 _NUMBERS = re.compile(r"[-+]?(\d|\.\d|nan|inf)[\d.,eE+\- ]*,?", re.IGNORECASE)
 # "left=1.5,right=-2", or one of them with others behind it.
 _NAMED = re.compile(r"[^-=,][^=,]*=[-+.\d][^=,]*(,[^=,]+=[-+.\d][^=,]*)*,?")

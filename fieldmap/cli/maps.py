@@ -239,6 +239,7 @@ def _lift_table(summary: MapSummary) -> RenderableType:
     assert payload is not None
     title = f"lift {1e3 * payload.mass:.4g} g, "
     title += payload.description if payload.pieces else f"{payload.moment:.3g} A m2"
+    title += f" {payload.held().removeprefix('moment ')}"
     if fit is None:
         iron = "A per coil (linear)" if summary.domain is None else "A per coil"
         rows = ((f"magnet at z = {1e3 * row.height:.1f} mm", _amperes(row)) for row in summary.lift)

@@ -340,15 +340,14 @@ def magnet_of_options(
     Returns
     -------
     array (3,), MagneticBody or None
-        A moment, A m^2, upward for a point dipole; the body of any other payload; None if no magnet was asked for.
+        A moment, A m^2, as the payload says, of a point dipole; the body of any other payload; None if no magnet was
+        asked for.
 
     Raises
     ------
     InputError
         If the device has no payload.
     """
-    import numpy as np
-
     if moment is not None:
         return parse_moment(moment)
     if not (payload_of or needed_by):
@@ -362,7 +361,7 @@ def magnet_of_options(
         from fieldmap.lookup import magnetic_body
 
         return magnetic_body(payload)
-    return np.array([0.0, 0.0, payload.moment])
+    return payload.moment_vector
 
 
 def field_of_option(name: Path | None) -> tuple[Callable[[], Field] | None, Device | None]:

@@ -15,7 +15,6 @@ from fieldmap.device.model import Payload
 from fieldmap.field import AnyField, require_bounds, resolve_currents
 from fieldmap.levitation.balance import CURRENT_STEP, Balance
 from fieldmap.levitation.equilibrium import assumptions
-from fieldmap.levitation.lift import direction_of_lift
 from fieldmap.levitation.places import check_position
 from fieldmap.lookup.payload import check_payload
 from fieldmap.records import Record
@@ -334,7 +333,7 @@ def plant_from_map(
     damping
         N s/m, a number or (3, 3).
     moment
-        "fixed" keeps the moment vertical, turned so that it is lifted; "aligned" lets it follow B.
+        "fixed" keeps the direction that the payload states; "aligned" lets the moment follow B.
     signal_steps
         (k,), over plus and minus which forces per signal are differenced; unless given, steps in which no
         current changes by more than 1 % of the largest. The differences are exact where the force is linear
@@ -352,8 +351,6 @@ def plant_from_map(
         For arguments that do not fit.
     OutsideMapError
         For a point or currents beyond the map.
-    Infeasible
-        Where the field does not lift.
 
     Examples
     --------
@@ -370,11 +367,8 @@ def plant_from_map(
         f"{where}(signals)", np.eye(count) if signals is None else signals, (count, None)
     )
     arguments.check_choice(f"{where}(moment)", moment, ("fixed", "aligned"))
-    up = None
-    if moment == "fixed":
-        gradient = source.gradient(point[None, :], amperes)[0]
-        up = np.array([0.0, 0.0, carried.moment * direction_of_lift(point, carried.moment, gradient)])
-    balance = Balance(source, amperes, carried.mass, carried.moment, up)
+    held = carried.moment_vector if moment == "fixed" else None
+    balance = Balance(source, amperes, carried.mass, carried.moment, held)
     loss = _damping(where, damping, 3)
     largest = np.abs(directions).max(axis=0)
     change = CURRENT_STEP * (np.abs(amperes).max() or 1.0)

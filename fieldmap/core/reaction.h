@@ -63,12 +63,14 @@ FIELDMAP_INLINE void fieldmap_harmonics_along(const fm_real *moment, int degree,
 FIELDMAP_INLINE fm_real fieldmap_product(const fm_real *a, const fm_real *b, int count)
 {
     fm_real part[FIELDMAP_LANES] = {FM(0)}, sum = FM(0);
-    int i, lane;
+    int i, lane, half;
     for (i = 0; i + FIELDMAP_LANES <= count; i += FIELDMAP_LANES)
         for (lane = 0; lane < FIELDMAP_LANES; lane++) part[lane] += a[i + lane] * b[i + lane];
     for (; i < count; i++) sum += a[i] * b[i];
-    for (lane = 0; lane < FIELDMAP_LANES; lane++) sum += part[lane];
-    return sum;
+    /* Halves, not one after the other: each sum would wait for the one before. */
+    for (half = FIELDMAP_LANES / 2; half > 0; half /= 2)
+        for (lane = 0; lane < half; lane++) part[lane] += part[lane + half];
+    return sum + part[0];
 }
 
 /* Add to weights[k] the field k of a map's reaction along moment[3] at point[3]. */
@@ -118,17 +120,57 @@ static inline int fieldmap_reaction_field(
     return status;
 }
 
+/* Add to the coefficients `row` of a polynomial those of the reaction to one dipole of moment[3] at a spot. */
+FIELDMAP_INLINE void fieldmap_reaction_to_row(
+    const fieldmap *map, int degree, const fieldmap_spot *spot, const fm_real *moment, fm_real *row)
+{
+    const int size = (degree + 1) * (degree + 1), attracted = map->reacting - map->repelled;
+    const fieldmap own = fieldmap_reaction(map);
+    const fm_real *set = fieldmap_sets_at(&own, spot, 0);
+    fm_real local[3], along[FIELDMAP_MAX_SIZE];
+    int k, i;
+    fieldmap_from_middle(map, spot, local);
+    fieldmap_harmonics_along(moment, degree, local, along);
+    for (k = 0; k < map->reacting; k++, set += size) {
+        const fm_real weight = fieldmap_product(along, set, size), signed_weight = k < attracted ? weight : -weight;
+        for (i = 0; i < size; i++) row[i] += signed_weight * set[i];
+    }
+}
+
+/* flux[3] and gradient[9] at point[3] for weights of the sets, with the reaction to one dipole of moment[3] there. */
+static inline int fieldmap_field_at_dipole(
+    const fieldmap *map, const fm_real *weights, const fm_real *point, const fm_real *moment, fm_real *flux, fm_real *gradient)
+{
+    fieldmap_spot spot;
+    fm_real reacting[FIELDMAP_REACTION_FIELDS] = {FM(0)}, row[FIELDMAP_MAX_SIZE];
+    int status = fieldmap_locate(map, point, &spot), i;
+    if (status != FIELDMAP_OK) return status;
+    if (map->kind == FIELDMAP_HERMITE) {
+        fieldmap_field_at(map, weights, &spot, flux, gradient);
+        fieldmap_reaction_add(map, point, moment, reacting);
+        fieldmap_reaction_signs(map, reacting);
+        return fieldmap_reaction_field(map, reacting, point, flux, gradient);
+    }
+    if (weights == NULL) {
+        const fm_real *only = fieldmap_sets_at(map, &spot, 0);
+        for (i = 0; i < map->size; i++) row[i] = only[i];
+    } else {
+        fieldmap_gather(map, weights, &spot, row);
+    }
+    /* Of a degree that the compiler knows only the code for that degree is left. */
+    if (map->degree == 5) fieldmap_reaction_to_row(map, 5, &spot, moment, row);
+    else fieldmap_reaction_to_row(map, map->degree, &spot, moment, row);
+    fieldmap_field_of_row(map, row, &spot, flux, gradient);
+    return status;
+}
+
 /* wrench[6] on one dipole of moment[3] at point[3] for weights of the sets, in its own reaction, too, where it is known. */
 static inline int fieldmap_wrench_of_weights(
     const fieldmap *map, const fm_real *weights, const fm_real *point, const fm_real *moment, fm_real *wrench)
 {
-    fm_real flux[3], gradient[9], reacting[FIELDMAP_REACTION_FIELDS] = {FM(0)};
-    int status = fieldmap_field_of_weights(map, weights, point, flux, gradient);
-    if (status == FIELDMAP_OK && map->reaction != NULL) {
-        status = fieldmap_reaction_add(map, point, moment, reacting);
-        fieldmap_reaction_signs(map, reacting);
-        if (status == FIELDMAP_OK) status = fieldmap_reaction_field(map, reacting, point, flux, gradient);
-    }
+    fm_real flux[3], gradient[9];
+    const int status = map->reaction == NULL ? fieldmap_field_of_weights(map, weights, point, flux, gradient)
+                                             : fieldmap_field_at_dipole(map, weights, point, moment, flux, gradient);
     if (status == FIELDMAP_OK)
         fieldmap_dipole_wrench(flux, gradient, moment, wrench);
     else

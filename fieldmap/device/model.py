@@ -45,7 +45,7 @@ from fieldmap.device.parts import Workspace as Workspace
 from fieldmap.device.parts import WorkspaceBox as WorkspaceBox
 from fieldmap.device.parts import WorkspaceCylinder as WorkspaceCylinder
 from fieldmap.device.patterns import Image, Repeat, with_short_forms
-from fieldmap.device.payload import AnyPayload
+from fieldmap.device.payload import OF_PIECES, AnyPayload
 from fieldmap.device.payload import MagnetBlock as MagnetBlock
 from fieldmap.device.payload import MagnetCylinder as MagnetCylinder
 from fieldmap.device.payload import MagnetSphere as MagnetSphere
@@ -376,6 +376,8 @@ def _check_payload(written: Writing, device: Device) -> None:
         return
     if payload.magnet is not None:
         written.refuse(("payload", "magnet"), "payload.magnet", "must be one of the pieces", payload.magnet)
+    if payload.direction != "up":
+        written.refuse(("payload", "direction"), "payload.direction", OF_PIECES, payload.direction)
     _check_moment(written, payload, "the magnets among the pieces", pieces=payload.pieces)
     for k, piece in enumerate(payload.pieces):
         material = getattr(getattr(piece, "shape", None), "material", None)

@@ -7,11 +7,12 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, ClassVar, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
 from pydantic import Field, ValidationInfo
 
+from fieldmap.arguments import check, check_choice
 from fieldmap.constants import MU0
 from fieldmap.device.made import Made
 from fieldmap.device.materials import Material
@@ -255,6 +256,9 @@ def _of_a_real_body(inertia: list[float] | None, info: ValidationInfo) -> None:
 class Payload(Made):
     """What is levitated. moment: magnitude in A m^2; left out, that of the magnets: volume times remanence over mu0.
 
+    direction: which way it points, "up" or "down" along z; pieces have directions of their own (`moment_vector`).
+    turning: whether it may turn, "fixed" or "free"; None leaves that to the question.
+
     magnet_offset: depth of the magnet's centre below the point that the sensor reads, m (an assumption,
     printed with every result that uses it). inertia (3,) kg m^2; None: where
     something turns, that of a uniform body of the shape and size of the magnet or the pieces (`uniform_inertia`). drag:
@@ -299,6 +303,23 @@ class Payload(Made):
             name="piece",
         ),
     ] = ()
+    direction: Annotated[
+        Literal["up", "down"],
+        Key(
+            ...,
+            "which way the moment of the magnet points; a magnet that lies or leans is a [[payload.piece]] with a "
+            "rotation",
+        ),
+    ] = "up"
+    turning: Annotated[
+        Literal["fixed", "free"] | None,
+        Key(
+            ...,
+            "fixed: the payload does not turn; free: it turns with the field; unless given, an equilibrium holds it "
+            "and a simulation lets it turn",
+            examples=("fixed",),
+        ),
+    ] = None
     volume_level: Annotated[
         int,
         Key(
@@ -318,6 +339,27 @@ class Payload(Made):
                 object.__setattr__(self, "moment", self.magnet.volume * self.magnet.remanence / MU0)
             elif self.moment == 0.0 and self.pieces:
                 object.__setattr__(self, "moment", float(np.linalg.norm(_moment_of(self.pieces))))
+
+    @property
+    def moment_vector(self) -> Array:
+        """Moment (3,) of its magnets, A m^2: along z as `direction` says, or the sum of its pieces.
+
+        Raises InputError for another direction, and for one of pieces.
+        """
+        if self.pieces:
+            check(self.direction == "up", "Payload(direction)", OF_PIECES, self.direction, "leave it out")
+            return _moment_of(self.pieces)
+        signs = {"up": 1.0, "down": -1.0}
+        check_choice("Payload(direction)", self.direction, signs)
+        return np.array([0.0, 0.0, signs[self.direction] * self.moment])
+
+    def held(self) -> str:
+        """Which way its moment points and whether it turns, in words; it is fixed unless it states that it is free.
+
+        >>> Payload(mass=0.01, moment=0.8, direction="down").held()
+        'moment down, fixed'
+        """
+        return moment_held(self.moment_vector, self.turning == "free")
 
     @property
     def soft(self) -> bool:
@@ -363,8 +405,11 @@ class Payload(Made):
 
     @property
     def description(self) -> str:
-        """Its magnetism in a few words: the moment, or the pieces."""
-        return _pieces_text(self.pieces) if self.pieces else f"moment {self.moment:.4g} A m2"
+        """Its magnetism in a few words: the moment, or the pieces; and whether it turns, if that is stated."""
+        shown = (
+            _pieces_text(self.pieces) if self.pieces else f"moment {self.moment:.4g} A m2 {self.direction}"
+        )
+        return shown if self.turning is None else f"{shown}, {_TURNS[self.turning == 'free']}"
 
     def with_materials(self, materials: Mapping[str, Material]) -> Payload:
         """The payload with materials in the place of their names.
@@ -388,6 +433,37 @@ class Payload(Made):
             return replace(piece, shape=replace(shape, material=material))
 
         return replace(self, pieces=tuple(named(piece) for piece in self.pieces))
+
+
+_TURNS = ("fixed", "free to turn")
+OF_PIECES = "must not be given for pieces: the rotation of each says which way its moment points"
+# Cosine above which a moment counts as vertical, in words.
+_VERTICAL = math.cos(math.radians(0.1))
+
+
+def moment_held(moment: Array, turns: bool) -> str:
+    """Which way a moment points and whether it turns, in words.
+
+    Parameters
+    ----------
+    moment
+        Of the magnets (3,), A m^2; zero for soft iron alone, whose moment is induced.
+    turns
+        Whether it turns with the field.
+
+    Returns
+    -------
+    str
+        Such as "moment down, fixed".
+    """
+    length = float(np.linalg.norm(moment))
+    unit = moment / (length or 1.0)
+    way = "up" if unit[2] > 0 else "down"
+    if length == 0.0:
+        way = "induced"
+    elif abs(unit[2]) < _VERTICAL:
+        way = f"along ({', '.join(f'{part:.3g}' for part in np.round(unit, 3) + 0.0)})"
+    return f"moment {way}, {_TURNS[turns]}"
 
 
 def _alone(payload: Payload) -> bool:
@@ -421,7 +497,7 @@ AnyPayload: Any = choice_with(
         "with pieces": table_of(
             Payload,
             name="PayloadWithPieces",
-            without=("magnet",),
+            without=("magnet", "direction"),
             needed=("pieces",),
             text="Payload of several magnets, or of soft iron, or of both.",
         ),

@@ -20,6 +20,7 @@ from fieldmap.device.payload import (
     MagnetSphere,
     Payload,
     SoftBody,
+    moment_held,
     shape_text,
 )
 from fieldmap.errors import InputError
@@ -298,11 +299,11 @@ def body_of_payload(
     height: float | None = None,
     below: float | None = None,
     centre_of_mass: float = 0.0,
-    direction: float = 1.0,
     magnet: MagneticBody | None = None,
-    upright: bool = False,
+    upright: bool | None = None,
 ) -> RigidBody:
-    """The upright body of a device's payload: z along the magnet's axis, seen at its top.
+    """The upright body of a device's payload: z along the magnet's axis, seen at its top. Its moment points as the
+    payload says.
 
     A payload without an inertia gets that of the cylinder; where none is given, of its magnet, a sphere, a block or a
     cylinder, or of its pieces, taken as uniform and as heavy as the payload.
@@ -318,12 +319,10 @@ def body_of_payload(
         given.
     centre_of_mass
         How far it lies above the magnet's centre, m.
-    direction
-        +1 for a moment along the body's z axis, -1 against it.
     magnet
         Its magnetism; a point dipole for each magnet unless given.
     upright
-        Whether the body does not turn.
+        Whether the body does not turn; unless given, whether the payload states turning = "fixed".
 
     Returns
     -------
@@ -342,6 +341,7 @@ def body_of_payload(
     >>> (1e7 * body.inertia).round(3).tolist()
     [6.802, 6.802, 1.948]
     """
+    upright = payload.turning == "fixed" if upright is None else upright
     r, h, low = _cylinder(payload, radius, height, below)
     inertia, notes = _inertia(payload, r, h, own_size=radius is None)
     if upright:
@@ -350,13 +350,14 @@ def body_of_payload(
     return RigidBody(
         payload.mass,
         inertia,
-        replace(carried, moments=direction * carried.moments),
+        carried,
         np.array([0.0, 0.0, shift]),
         np.array([0.0, 0.0, shift + payload.magnet_offset]),
         _skin(payload, shift) if r is None or h is None else _rims(r, shift - low, shift - low + h),
         upright=upright,
         assumptions=(
             *notes,
+            moment_held(carried.moments.sum(axis=0), not upright),
             f"centre of mass {1e3 * centre_of_mass:g} mm above the magnet's centre",
             f"sensed point {1e3 * payload.magnet_offset:g} mm above the magnet's centre",
             *_magnetism(carried),

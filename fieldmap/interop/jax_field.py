@@ -65,8 +65,11 @@ def jax_field(field: FieldMap | MapAtCurrents) -> JaxField:
     >>> slope = jax.jacfwd(field)(point, currents)          # is m.gradient(point, currents)  # doctest: +SKIP
     """
     jax = require("jax", "jax", "jax_field")
+    reaction = None
+    if field.reaction is not None:
+        reaction = _Polynomials(jax, field.reaction.core.block), field.reaction.signs
     if isinstance(field, MapAtCurrents):
-        return JaxField(jax, _Polynomials(jax, unit_block(field)), None, fixed=True)
+        return JaxField(jax, _Polynomials(jax, unit_block(field)), None, True, reaction)
     weights: Callable[[Any], Any] | None = None
     if saturates(field):
         require_no_memory(field.remembers, "jax_field, field")
@@ -74,7 +77,7 @@ def jax_field(field: FieldMap | MapAtCurrents) -> JaxField:
         weights = _ReducedIron(jax, field.info.reduced_model).weights
     elif not field.proportional:
         weights = _with_constant(jax)
-    return JaxField(jax, _Polynomials(jax, unit_block(field)), weights)
+    return JaxField(jax, _Polynomials(jax, unit_block(field)), weights, reaction=reaction)
 
 
 def _with_constant(jax: ModuleType) -> Callable[[Any], Any]:
@@ -98,8 +101,9 @@ class JaxField:
         polynomials: _Polynomials,
         weights: Callable[[Any], Any] | None,
         fixed: bool = False,
+        reaction: tuple[_Polynomials, Array] | None = None,
     ) -> None:
-        self._jax, self._jnp = jax, jax.numpy
+        self._jax, self._jnp, self._reaction = jax, jax.numpy, reaction
         self._polynomials, self._weights_of, self._fixed = polynomials, weights, fixed
 
     def __call__(self, points: Any, currents: Any = None) -> Any:
@@ -176,7 +180,7 @@ class JaxField:
         return self._in_pieces(self._polynomials.second_gradient, points, currents)
 
     def wrench(self, positions: Any, moments: Any, currents: Any = None) -> Any:
-        """Force and torque on point dipoles.
+        """Force and torque on point dipoles, each alone in the reaction of the iron to it, if the map holds that.
 
         Parameters
         ----------
@@ -195,8 +199,27 @@ class JaxField:
         jnp = self._jnp
         flux, slope = self.field_and_gradient(positions, currents)
         moment = jnp.broadcast_to(jnp.asarray(moments, flux.dtype), flux.shape)
+        if self._reaction is not None:
+            back = self._own_reaction(jnp.asarray(positions, flux.dtype), moment)
+            flux, slope = flux + back[0], slope + back[1]
         force = jnp.einsum("...ij,...i->...j", slope, moment)
         return jnp.concatenate([force, jnp.cross(moment, flux)], axis=-1)
+
+    def _own_reaction(self, positions: Any, moments: Any) -> tuple[Any, Any]:
+        """Flux density and gradient of the reaction to each dipole at its place: docs/theory/reaction.md (1), (2)."""
+        assert self._reaction is not None
+        jnp, (polynomials, signs) = self._jnp, self._reaction
+        sets = polynomials.coefficients()
+
+        def one(weights: Any) -> tuple[Any, Any]:
+            flux, slope = polynomials.field_and_gradient(sets, positions, weights)
+            return flux, slope
+
+        fields, gradients = self._jax.vmap(one)(jnp.eye(len(signs), dtype=positions.dtype))
+        weights = jnp.einsum("k,k...i,...i->k...", signs.astype(positions.dtype), fields, moments)
+        return jnp.einsum("k...,k...i->...i", weights, fields), jnp.einsum(
+            "k...,k...ij->...ij", weights, gradients
+        )
 
     def _weights(self, currents: Any) -> Any:
         jnp = self._jnp

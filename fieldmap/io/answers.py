@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from fieldmap.constants import GRAVITY
 from fieldmap.device.measured import MeasuredMachine, measured_on
 from fieldmap.device.model import Payload
+from fieldmap.device.payload import moment_held
 from fieldmap.errors import InputError
 from fieldmap.field import Bounds, dipole_wrench
 from fieldmap.io.field_source import FieldSource
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 Moment: TypeAlias = Literal["fixed", "aligned"]
 MOMENTS = get_args(Moment)
+ALONG_FIELD = "moment along the field, free to turn"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,16 +48,18 @@ class ProbedPoint(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Probe(Record):
-    """A field at points. assumptions: what it rests on at these currents."""
+    """A field at points. assumptions: what it rests on at these currents. held: which way the moment points and whether
+    it turns, such as "moment down, fixed"; empty without one."""
 
     source: FieldSource
     points: tuple[ProbedPoint, ...]
     assumptions: tuple[str, ...]
+    held: str = ""
 
     def to_dicts(self) -> list[dict[str, Plain]]:
         """Each point as plain Python, SI units."""
         about = plain_items(source=self.source.name, kind=self.source.kind, coil_names=self.source.coil_names)
-        told = plain_items(assumptions=self.assumptions)
+        told = plain_items(**({"held": self.held} if self.held else {}), assumptions=self.assumptions)
         points = [plain_fields(point) for point in self.points]
         return [
             about | {name: one for name, one in point.items() if one is not None} | told for point in points
@@ -63,7 +67,11 @@ class Probe(Record):
 
 
 def probe(
-    source: FieldSource, points: Array, currents: ArrayLike, moment: Array | MagneticBody | None = None
+    source: FieldSource,
+    points: Array,
+    currents: ArrayLike,
+    moment: Array | MagneticBody | None = None,
+    turns: bool = False,
 ) -> Probe:
     """The field at points, and what it does to a moment or a body.
 
@@ -77,6 +85,8 @@ def probe(
         (n_coils,), A.
     moment
         (3,), A m^2, or an upright body; none unless given.
+    turns
+        Whether the moment (3,) follows the field at each point, and keeps its size.
 
     Returns
     -------
@@ -93,25 +103,33 @@ def probe(
     flux, slope = state.field(points), state.gradient(points)
     rests: tuple[str, ...] = tuple(source.assumptions(amperes))
     loads: list[tuple[Array, ...]] = [()] * len(points)
+    held = ""
     if moment is not None:
+        whole = moment.moments.sum(axis=0) if isinstance(moment, MagneticBody) else np.asarray(moment)
+        held = ALONG_FIELD if turns else moment_held(whole, False)
         if isinstance(moment, MagneticBody):
             wrench = moment.wrench(source.field, points, amperes)
             moments = moment.whole_moment(source.field, points, amperes)
             rests = (*rests, *moment.assumptions)
         else:
-            wrench = dipole_wrench(flux, slope, moment)
-            moments = np.broadcast_to(moment, points.shape)
+            moments = np.broadcast_to(whole, points.shape)
+            if turns:
+                size = np.linalg.norm(flux, axis=1, keepdims=True)
+                along = np.divide(flux, size, out=np.zeros_like(flux), where=size > 0.0)
+                moments = float(np.linalg.norm(whole)) * along
+            wrench = dipole_wrench(flux, slope, moments)
         loads = [(np.array(m), w[:3], w[3:]) for m, w in zip(moments, wrench, strict=True)]
     rows = zip(points, flux, slope, loads, strict=True)
-    return Probe(source, tuple(ProbedPoint(at, amperes, b, g, *load) for at, b, g, load in rows), rests)
+    told = tuple(ProbedPoint(at, amperes, b, g, *load) for at, b, g, load in rows)
+    return Probe(source, told, rests, held)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LeastPower(Record):
     """Currents (n_coils,), A, of least power, and what they give at a point.
 
-    asked: force, N, torque, N m, or field, T, each (3,), NaN where a component was left free. limit: of every current,
-    A; None without one.
+    asked: force, N, torque, N m, or field, T, each (3,), NaN where a component was left free; or direction (3,), of a
+    magnet that follows the field. limit: of every current, A; None without one.
     """
 
     source: FieldSource
@@ -146,6 +164,7 @@ def least_power(
     at: Array,
     moment: Array | MagneticBody | None = None,
     limit: float | None = None,
+    least_field: float = 0.0,
     **asked: Array | None,
 ) -> LeastPower:
     """The currents of least power that give what is asked for at a point.
@@ -160,8 +179,11 @@ def least_power(
         (3,), A m^2, or an upright body.
     limit
         Of each current, A; none unless given.
+    least_field
+        With a direction: B along it, T, is at least this.
     **asked
-        force, torque, both on the moment, and field: each (3,), NaN for a free component.
+        force, torque, both on the moment, and field: each (3,), NaN for a free component. direction (3,): B points that
+        way, and with it a moment of the size of the given one.
 
     Returns
     -------
@@ -176,16 +198,20 @@ def least_power(
         As `fieldmap.lookup.currents_for` raises them.
     """
     wanted = {name: np.asarray(values, dtype=float) for name, values in asked.items() if values is not None}
+    direction = wanted.get("direction")
+    turns = direction is not None and moment is not None and not isinstance(moment, MagneticBody)
     currents = currents_for(
         source.field,
         at,
         wanted.get("force"),
-        moment,
+        float(np.linalg.norm(np.asarray(moment))) if turns else moment,
         limit,
         torque=wanted.get("torque"),
         flux_density=wanted.get("field"),
+        direction=direction,
+        least_field=least_field,
     )
-    return LeastPower(source, currents, wanted, limit, probe(source, at[None, :], currents, moment))
+    return LeastPower(source, currents, wanted, limit, probe(source, at[None, :], currents, moment, turns))
 
 
 def lift_force(payload: Payload | None, coils: int) -> Array:
@@ -270,7 +296,7 @@ def floating(
     payload: Payload,
     currents: ArrayLike,
     start: Array | None = None,
-    moment: str = "fixed",
+    moment: str | None = None,
 ) -> Levitation:
     """Where the payload floats at given currents; otherwise as `find_equilibrium`.
 
@@ -303,9 +329,9 @@ def floating(
     bounds, amperes = require_box(source), source.currents(currents)
     if start is not None:
         check_centre(bounds, payload, start, "start")
-    if moment not in MOMENTS:
+    if moment is not None and moment not in MOMENTS:
         raise InputError.of("moment", "must be fixed or aligned", moment, "choose one")
-    found = find_equilibrium(source.field, amperes, payload, start, cast(Moment, moment))
+    found = find_equilibrium(source.field, amperes, payload, start, cast(Moment | None, moment))
     return Levitation(source, payload, found, (*found.assumptions, *source.assumptions(amperes)))
 
 

@@ -136,11 +136,11 @@ class MapSummary(Record):
         """How far off the currents that lift the payload are for what stands for its magnets, if it has shapes."""
         if self.payload is None or not self.payload.sized or not self.lift:
             return ()
-        from fieldmap.levitation.balance import rule_stated
+        from fieldmap.levitation.balance import model_of, rule_stated
 
         errors = [row.volume_error for row in self.lift if row.volume_error is not None]
         largest = float(np.max(errors)) if errors else np.nan
-        return rule_stated(self.payload, "fixed", largest, "A of the lift currents")
+        return rule_stated(self.payload, model_of(self.payload), largest, "A of the lift currents")
 
     @property
     def payload(self) -> Payload | None:

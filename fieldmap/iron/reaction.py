@@ -32,14 +32,17 @@ from fieldmap.typing import Array, Index
 Solve = Callable[[FieldOfPoints, int], Array]
 """Charge densities (c, s), T, of the iron's faces in the fields of so many sources c."""
 
+TOLERANCE = 1e-5
+"""Of the solves for single dipoles: the smallest fields that count are about 1e-4 of the largest."""
+
 # Dipoles along every edge of the box; whose fields at the iron are within this share of the first are left out.
-_PER_EDGE, _SPANNED = 8, 1e-3
+_PER_EDGE, _SPANNED = 6, 1e-2
 # Faces of the iron that tell whether they are.
 _FACES = 1000
 # Dipoles that are solved at a time: their fields in the iron take memory.
 _AT_ONCE = 24
 # As many places in the box take part in the choice of the fields as tell their error; most fields.
-_PLACES, _MOST = 4, 64
+_PLACES, _MOST = 2, 64
 _SEED = 58
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from fieldmap.arguments import check, check_choice
 from fieldmap.constants import GRAVITY
 from fieldmap.device.model import Payload
+from fieldmap.device.payload import moment_held
 from fieldmap.errors import InputError, NotConverged, OutsideMapError
 from fieldmap.field import AnyField, Bounds, Field, as_field, require_bounds
 from fieldmap.levitation.places import box_of_centres, search_grid
@@ -71,12 +72,11 @@ def dipole_force(moment: Array, gradient: Array) -> Array:
 
 
 def upright_force(field: AnyField, currents: Any, payload: Payload, points: Array) -> Array:
-    """Force (n, 3), N, on an upright payload centred at points (n, 3): its pieces, or a dipole that points up. Each
-    magnet is a point dipole, so that it may stand at the edge of a map."""
+    """Force (n, 3), N, on a payload centred at points (n, 3) that does not turn: its pieces, or its dipole. Each magnet
+    is a point dipole, so that it may stand at the edge of a map."""
     if payload.pieces:
         return magnetic_body(payload, 1).wrench(field, points, currents)[:, :3]
-    up = np.array([0.0, 0.0, payload.moment])
-    return dipole_force(up, as_field(field).gradient(points, currents))
+    return dipole_force(payload.moment_vector, as_field(field).gradient(points, currents))
 
 
 def dipole_stiffness(moment: Array, second_gradient: Array) -> Array:
@@ -378,19 +378,14 @@ class BodyBalance(MagnetBalance):
 
 
 def body_balance(field: Field, currents: Array, payload: Payload, near: Array | None) -> BodyBalance:
-    """The balance of a magnet of finite size or of pieces, upright, or turned over about x if it is lifted more that
-    way at those points near (n, 3) at which it lies in the field's box; where there are none, all over the box."""
+    """The balance of a magnet of finite size, which points as the payload says, or of upright pieces. The largest
+    moment of soft iron is sought at those points near (n, 3) at which it lies in the field's box; where there are none,
+    all over the box."""
     body = magnetic_body(payload)
     fixed = float(np.linalg.norm(body.moments, axis=1).sum())
     upright = BodyBalance(field, currents, payload.mass, fixed, body, np.eye(3), finer=_finer(payload))
-    turned = replace(upright, orientation=np.diag([1.0, -1.0, -1.0]))
-    either = (upright, turned) if len(body.points) else (upright,)
-    places = [_inside(one.box, near) for one in either]
-    coarse = [coarse_balance(one, payload) for one in either]
-    lifts = [one.magnetic_force(at)[:, 2].max() for one, at in zip(coarse, places, strict=True)]
-    best = int(np.argmax(lifts))
-    either[best].moments(places[best])
-    return replace(either[best], evaluations=coarse[best].evaluations)
+    upright.moments(_inside(upright.box, near))
+    return upright
 
 
 def coarse_balance(balance: MagnetBalance, payload: Payload) -> MagnetBalance:
@@ -432,13 +427,12 @@ def magnet_balance(
     currents: Array,
     payload: Payload,
     near: Array | None,
-    moment: MagnetModel = "fixed",
+    moment: MagnetModel | None = None,
     lever: float = 0.0,
 ) -> MagnetBalance:
-    """The force balance of a payload's magnet.
+    """The force balance of a payload's magnet, which points as the payload says, or begins so.
 
-    A payload of pieces stays upright. A fixed or rigid moment points up or down, whichever is lifted more. The
-    payload's `volume_level` says how the field is integrated over its magnets.
+    A payload of pieces stays upright. The payload's `volume_level` says how the field is integrated over its magnets.
 
     Parameters
     ----------
@@ -449,12 +443,12 @@ def magnet_balance(
     payload
         What is levitated.
     near
-        Point (3,), m, near which the direction of the moment is chosen, or several (n, 3), of which the best
-        counts; None for the whole box.
+        Point (3,), m, or several (n, 3), near which the largest moment of soft iron is sought; None for the whole
+        box.
     moment
         "fixed", a magnet that stays vertical; "aligned", a point dipole that follows B; "rigid", the payload's
         magnet, of finite size whatever its level, turned until torque vanishes; "rigid upright", the same
-        without turning.
+        without turning. Unless given, "aligned" for a payload that states turning = "free", "fixed" for any other.
     lever
         Of the body's centre of mass below the magnet's centre, m, for "rigid".
 
@@ -468,6 +462,7 @@ def magnet_balance(
     InputError
         For another name, a payload without a magnet, or pieces that extend over more than the box.
     """
+    moment = model_of(payload) if moment is None else moment
     check_choice("moment", moment, MODELS)
     points = None if near is None else np.asarray(near, dtype=float).reshape(-1, 3)
     if payload.pieces:
@@ -476,20 +471,34 @@ def magnet_balance(
         must = "must have a magnet: its shape, size and remanence"
         raise InputError.of("payload.magnet", must, "None", "add [payload.magnet], or choose moment='fixed'")
     payload = modelled(payload, moment)
-    finer = _finer(payload)
+    # Frames of models that turn have the moment along their third axis.
+    upward = replace(payload, direction="up")
+    finer = _finer(upward)
     if moment == "aligned":
         return Balance(field, currents, payload.mass, payload.moment, None, finer=finer)
     if moment != "rigid" and (payload.extended or moment == "rigid upright"):
         return body_balance(field, currents, payload, points)
-    points = search_grid(require_bounds(field)) if points is None else points
-    rise = field.gradient(points, currents)[:, 2, 2]
-    sign = -1.0 if abs(rise.min()) > rise.max() else 1.0
+    held = payload.moment_vector
     if moment == "fixed":
-        held = np.array([0.0, 0.0, sign * payload.moment])
-        about = (field, currents, payload.mass, payload.moment, held)
-        return Balance(*about, evaluations=len(points), finer=finer)
-    body = magnetic_body(payload)
-    return RigidBalance(field, currents, payload.mass, payload.moment, body, lever, sign, finer=finer)
+        return Balance(field, currents, payload.mass, payload.moment, held, finer=finer)
+    about = (magnetic_body(upward), lever, float(np.sign(held[2])))
+    return RigidBalance(field, currents, payload.mass, payload.moment, *about, finer=finer)
+
+
+def held_at(balance: MagnetBalance, payload: Payload, position: Array) -> tuple[str, tuple[str, ...]]:
+    """Which way the moment points at a position (3,), m, and whether it turns, in words; and a note if a free magnet
+    turned over there."""
+    moment, turns = payload.moment_vector, isinstance(balance, Balance) and balance.fixed_moment is None
+    if not turns:
+        return moment_held(moment, turns), ()
+    found = balance.moments(position[None, :])[0]
+    over = f"the magnet has turned over with the field: the payload states {payload.direction}"
+    return moment_held(found, turns), (over,) if found @ moment < 0.0 else ()
+
+
+def model_of(payload: Payload) -> MagnetModel:
+    """The model of a payload's magnet unless another is asked for: it follows the field if it may turn."""
+    return "aligned" if payload.turning == "free" else "fixed"
 
 
 def modelled(payload: Payload, moment: MagnetModel) -> Payload:
@@ -534,7 +543,8 @@ def force_stated(payload: Payload, moment: MagnetModel, errors: Iterable[float])
 def refuse_models_of_pieces(where: str, moment: str) -> None:
     """Raise InputError for another model than the upright one of a payload of pieces."""
     must = "must be 'fixed' for a payload of pieces: it stays upright, and soft iron follows the field"
-    check(moment in ("fixed", "rigid upright"), where, must, f"'{moment}'", "leave it out")
+    remedy = "ask for 'fixed'; simulate lets the payload turn"
+    check(moment in ("fixed", "rigid upright"), where, must, f"'{moment}'", remedy)
 
 
 def model_assumptions(moment: MagnetModel, lever: float = 0.0) -> tuple[str, ...]:

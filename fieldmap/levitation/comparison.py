@@ -260,11 +260,10 @@ def _lift_current(field: Field, payload: Payload, height: float, first: float) -
 
 
 def _lift_share(field: Field, payload: Payload, height: float, current: float) -> float | None:
-    """Lift of a vertical magnet over its weight at equal currents; None where the field does not hold them."""
+    """Lift of the payload, upright, over its weight at equal currents; None where the field does not hold them."""
     point, currents = np.array([[0.0, 0.0, height]]), np.full(len(field.coil_names), current)
     try:
         force = float(magnetic_body(payload).wrench(field, point, currents)[0, 2])
     except OutsideMapError:
         return None
-    # A magnet is turned to be lifted; soft iron is not.
-    return (force if payload.soft else abs(force)) / (payload.mass * GRAVITY)
+    return force / (payload.mass * GRAVITY)

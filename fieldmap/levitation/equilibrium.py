@@ -18,7 +18,9 @@ from fieldmap.levitation.balance import (
     MagnetBalance,
     MagnetModel,
     coarse_balance,
+    held_at,
     magnet_balance,
+    model_of,
     refuse_models_of_pieces,
     rule_stated,
 )
@@ -56,8 +58,9 @@ class Equilibrium(Record):
     position (3,): the payload's centre, m. force_residual (3,): magnetic force plus weight, N.
     stiffness (3, 3): -dF_i/dx_j, N/m. eigenvalues (3,) ascending, N/m, of its symmetric part, and
     directions (3, 3) with the unit eigenvectors as columns; stable (3,): whether the magnet is pushed back
-    along each of them. moment (3,) in A m^2 and currents (n_coils,) in A, at the equilibrium; field (3,): B in T in
-    the middle of the payload's magnets and soft iron. others (n, 3): further equilibria of the same currents found on
+    along each of them. moment (3,) in A m^2 and currents (n_coils,) in A, at the equilibrium; held: which way the
+    moment of the magnets points and whether it turns, such as "moment down, fixed". field (3,): B in T in the middle of
+    the payload's magnets and soft iron. others (n, 3): further equilibria of the same currents found on
     the way, m. volume_error: by how much a finer volume rule of the magnets moves the place, m; 0 where the
     rule is exact or no shape is known, NaN where that is not known: the finer rule leaves the field, or is too far off.
     assumptions: what the numbers rest on.
@@ -70,6 +73,7 @@ class Equilibrium(Record):
     directions: Array
     stable: NDArray[np.bool_]
     moment: Array
+    held: str
     field: Array
     currents: Array
     others: Array
@@ -110,7 +114,7 @@ def find_equilibrium(
     currents: Any = None,
     payload: Payload | None = None,
     start: ArrayLike | None = None,
-    moment: Literal["fixed", "aligned"] = "fixed",
+    moment: Literal["fixed", "aligned"] | None = None,
 ) -> Equilibrium:
     """Find where the force on a payload balances its weight, F(x) + m g = 0, inside the field's box.
 
@@ -124,16 +128,17 @@ def find_equilibrium(
     currents
         (n_coils,), one number for all coils, or by name, A.
     payload
-        What is levitated: its magnets are integrated over their volume by the rule of its `volume_level`; 1, and
-        a moment without a shape, are point dipoles. Pieces stay upright while soft iron follows B.
+        What is levitated, which points as it says: its magnets are integrated over their volume by the rule of its
+        `volume_level`; 1, and a moment without a shape, are point dipoles. Pieces stay upright while soft iron
+        follows B.
     start
         The payload's centre (3,), m, from which to begin. Without it the search covers all places at which the
         payload's magnets, and the middles of its soft iron, lie in the box. Of several equilibria the
         one with most stable directions nearest to the box's vertical axis is returned, and the rest are in
         `.others`.
     moment
-        "fixed" keeps the moment vertical, turned so that it is pulled up at the start; "aligned" lets it
-        follow B, as a point dipole.
+        "fixed" keeps the payload's direction; "aligned" lets the moment follow B, as a point dipole. Unless given,
+        "aligned" for a payload that states turning = "free", "fixed" for any other.
 
     Returns
     -------
@@ -158,12 +163,13 @@ def find_equilibrium(
     """
     carried = check_payload(payload, "find_equilibrium", pieces=True)
     source, amperes = resolve_currents(field, currents)
-    check_choice("find_equilibrium(moment)", moment, ("fixed", "aligned"))
+    model = model_of(carried) if moment is None else moment
+    check_choice("find_equilibrium(moment)", model, ("fixed", "aligned"))
     if carried.pieces:
-        refuse_models_of_pieces("find_equilibrium(moment)", moment)
+        refuse_models_of_pieces("find_equilibrium(moment)", model)
     bounds, where = require_bounds(source), "find_equilibrium(start)"
     asked = None if start is None else check_centre(bounds, carried, start, where)
-    balance = magnet_balance(source, amperes, carried, asked, moment)
+    balance = magnet_balance(source, amperes, carried, asked, model)
     box = balance.box
     begin = None if asked is None else check_position(box, asked, where)
     grid = search_grid(box)
@@ -179,7 +185,7 @@ def find_equilibrium(
             tried += len(starts)
     if not found:
         raise no_equilibrium(balance, grid, residuals, tried)
-    return _result(balance, box, found, begin, tried, carried, moment)
+    return _result(balance, box, found, begin, tried, carried, model)
 
 
 def _eigen(stiffness: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -214,9 +220,10 @@ def _result(
     position = ranked[0]
     stiffness = balance.stiffness(position)
     eigenvalues, directions, stable = _eigen(stiffness)
-    held = assumptions_of_pieces(payload) if payload.pieces else assumptions(moment)
+    rests = assumptions_of_pieces(payload) if payload.pieces else assumptions(moment)
     off = balance.place_error(position)
     residual = balance.residual(position[None, :])[0]
+    held, notes = held_at(balance, payload, position)
     report = SearchReport(
         method="trust-region reflective least squares, analytic derivative",
         starts=tried,
@@ -235,11 +242,12 @@ def _result(
         directions=directions,
         stable=stable,
         moment=np.array(balance.moments(position[None, :])[0]),
+        held=held,
         field=balance.flux_density(position),
         currents=balance.currents,
         others=np.array(ranked[1:]).reshape(-1, 3),
         volume_error=off,
-        assumptions=(*rule_stated(payload, moment, 1e3 * off, "mm of the place"), *held),
+        assumptions=(*rule_stated(payload, moment, 1e3 * off, "mm of the place"), *rests, *notes),
         report=report,
     )
 
@@ -247,7 +255,7 @@ def _result(
 def assumptions(moment: str) -> tuple[str, ...]:
     """What the force on one magnet rests on."""
     held = {
-        "fixed": "the moment keeps its vertical direction",
+        "fixed": "the moment keeps its direction, up or down as the payload states",
         "aligned": "the moment stays parallel to the local field and keeps its magnitude",
     }[moment]
     return (
@@ -336,7 +344,10 @@ def _towards_lift(balance: MagnetBalance, lift: float) -> str:
     if not balance.currents.any():
         return "turn the currents on"
     # Soft iron is pulled towards the stronger field whatever the sign.
-    more = "turn the polarity of the coils around" if magnets else "put more current into the coils above"
+    more = "put more current into the coils above"
+    if magnets:
+        over = 'payload.direction = "down" or "up"' if body is None else "the rotation of the pieces"
+        more = f"turn the polarity of the coils around, or the magnet ({over})"
     return f"{more}; those that hold the payload {_ELSEWHERE}"
 
 

@@ -18,8 +18,10 @@ from fieldmap.levitation.balance import (
     Balance,
     BodyBalance,
     MagnetBalance,
-    dipole_force,
+    MagnetModel,
+    held_at,
     magnet_balance,
+    model_of,
     rule_stated,
 )
 from fieldmap.levitation.places import check_centre, check_position
@@ -44,11 +46,11 @@ class LiftCurrent(Record):
     current: the common factor, A; currents (n_coils,) = current * shares. position (3,): the payload's centre, m.
     force (3,): magnetic force there, N; its z component is the weight, the other two are not balanced.
     force_per_ampere (3,), N/A of common current: dF/di at these currents. stiffness (3, 3) = -dF_i/dx_j, N/m.
-    field (3,): B in T in the middle of the payload's magnets and soft iron. volume_error: by how much a finer
-    volume rule of the magnets changes the current, A; 0 where the rule is exact or no shape is known, NaN where the
-    finer rule leaves the field. assumptions: what the numbers rest on.
-    history: (common current in A, lift in N) of every state that was solved on the way, empty for a field that
-    superposes, with or without a constant part.
+    held: which way the moment of the magnets points and whether it turns, such as "moment down, fixed". field (3,): B
+    in T in the middle of the payload's magnets and soft iron. volume_error: by how much a finer volume rule of the
+    magnets changes the current, A; 0 where the rule is exact or no shape is known, NaN where the finer rule leaves the
+    field. assumptions: what the numbers rest on. history: (common current in A, lift in N) of every state that was
+    solved on the way, empty for a field that superposes, with or without a constant part.
     """
 
     current: float
@@ -57,6 +59,7 @@ class LiftCurrent(Record):
     force: Array
     force_per_ampere: Array
     stiffness: Array
+    held: str
     field: Array
     volume_error: float
     assumptions: tuple[str, ...]
@@ -78,10 +81,12 @@ def lift_current(
     tolerance: float = 1e-4,
     on_state: Callable[[float, float], None] | None = None,
 ) -> LiftCurrent:
-    """Common current that carries the weight at a position: a vertical magnet, pulled up by a positive current.
+    """Common current that carries the weight at a position.
 
-    A field that is proportional to the currents gives i = m g / (lift per ampere), docs/theory/equilibrium.md. If
-    the field has a constant part, i carries the rest of the weight, and may be zero or negative. Any other field is
+    The magnet points as the payload says, and the current is negative if a positive one pulls it down. A field that is
+    proportional to the currents gives i = m g / (lift per ampere), docs/theory/equilibrium.md. If the field has a
+    constant part, i carries the rest of the weight. The moment of a payload that states turning = "free" follows the
+    field, which may be of any kind then, and any other field is
     evaluated at about four currents: at `first`, then at `first` times weight divided by lift, then by the secant,
     until |F_z - m g| <= tolerance m g. Once two currents bracket the weight, the secant stays between them. A
     payload of pieces stays upright. The current of one with soft iron is found by the same search: the pull on soft
@@ -133,21 +138,18 @@ def lift_current(
     source = as_field(field)
     weights = _checked(source, shares, first, tolerance)
     point = check_centre(require_bounds(source), carried, position, _POSITION)
-    if source.affine and not carried.soft:
-        return _superposed(source, carried, point, weights, first)
+    if source.affine and not carried.soft and _model(carried) == "fixed":
+        return _superposed(source, carried, point, weights)
     return _by_secant(source, carried, point, weights, first, tolerance, on_state)
 
 
-def direction_of_lift(point: Array, moment: float, gradient: Array) -> float:
-    """+1 if a moment that points up is pulled up in this gradient (3, 3), -1 if one that points down is.
-
-    Raises Infeasible if neither is.
-    """
-    force = dipole_force(np.array([0.0, 0.0, moment]), gradient)
-    # Rounding leaves some 1e-16 of the gradient where dBz/dz vanishes.
-    if abs(force[2]) <= 1e-12 * moment * np.linalg.norm(gradient):
+def _require_pull(balance: MagnetBalance, point: Array, force: Array) -> None:
+    """Raise Infeasible for a force (3,), N, without a vertical part."""
+    middle = (point + balance.arms.mean(axis=0))[None, :]
+    size = balance.magnitude * np.linalg.norm(balance.source.gradient(middle, balance.currents))
+    # Rounding leaves some 1e-16 of the gradient where the force vanishes.
+    if abs(force[2]) <= 1e-12 * size:
         raise no_lift("lift_current", point)
-    return float(np.sign(force[2]))
 
 
 def no_lift(where: str, point: Array) -> Infeasible:
@@ -157,11 +159,10 @@ def no_lift(where: str, point: Array) -> Infeasible:
     return Infeasible.of(_at(point, where), must_hold, received, remedy)
 
 
-def _superposed(field: Field, payload: Payload, point: Array, shares: Array, first: float) -> LiftCurrent:
-    """The lift current of a field that is the sum of its coils' fields and a constant, which may be zero. first: the
-    common current at which the direction of the moment is chosen, as for saturating iron."""
+def _superposed(field: Field, payload: Payload, point: Array, shares: Array) -> LiftCurrent:
+    """The lift current of a field that is the sum of its coils' fields and a constant, which may be zero."""
     at = point[None, :]
-    balance = magnet_balance(field, first * shares, payload, point)
+    balance = magnet_balance(field, shares, payload, point, _model(payload))
     check_position(balance.box, point, _POSITION)
     if field.proportional:
         without = np.zeros(3)
@@ -169,12 +170,8 @@ def _superposed(field: Field, payload: Payload, point: Array, shares: Array, fir
     else:
         without = replace(balance, currents=0.0 * shares).magnetic_force(at)[0]
         held = "a field that no current drives, and fields in proportion to the currents (no saturation)"
-    by_coils = replace(balance, currents=shares).magnetic_force(at)[0] - without
-    scale = balance.magnitude * np.linalg.norm(field.gradient(at + balance.arms.mean(axis=0), shares))
-    # Rounding leaves some 1e-16 of the gradient where the force vanishes.
-    for force in (by_coils, without + first * by_coils):
-        if abs(force[2]) <= 1e-12 * scale:
-            raise no_lift("lift_current", point)
+    by_coils = balance.magnetic_force(at)[0] - without
+    _require_pull(balance, point, by_coils)
     current = float((balance.weight - without[2]) / by_coils[2])
     balance = replace(balance, currents=current * shares)
     return _lift(current, payload, balance, point, by_coils, (f"linear: {held}", _upright(payload)))
@@ -189,7 +186,9 @@ def _lift(
     assumptions: tuple[str, ...],
     history: tuple[tuple[float, float], ...] = (),
 ) -> LiftCurrent:
+    held, notes = held_at(balance, payload, point)
     off = abs(float(balance.rule_error(point)[2] / force_per_ampere[2]))
+    rule = rule_stated(payload, _model(payload), off, "A of the current")
     return LiftCurrent(
         current=current,
         currents=balance.currents,
@@ -197,9 +196,10 @@ def _lift(
         force=balance.magnetic_force(point[None, :])[0],
         force_per_ampere=force_per_ampere,
         stiffness=balance.stiffness(point),
+        held=held,
         field=balance.flux_density(point),
         volume_error=off,
-        assumptions=(*rule_stated(payload, "fixed", off, "A of the current"), *assumptions),
+        assumptions=(*rule, *assumptions, *notes),
         history=history,
     )
 
@@ -215,10 +215,7 @@ def _by_secant(
 ) -> LiftCurrent:
     """The lift current by the secant, from `first` on. If the field superposes it is cheap: the limit is 1e-9 then."""
     at = point[None, :]
-    if not payload.extended:
-        # `magnet_balance` does not refuse a field that lifts nothing.
-        direction_of_lift(point, payload.moment, field.gradient(at, first * shares)[0])
-    balance = magnet_balance(field, first * shares, payload, point)
+    balance = magnet_balance(field, first * shares, payload, point, _model(payload))
     check_position(balance.box, point, _POSITION)
     limit, most = (1e-9, 4 * MAX_STATES) if field.affine else (tolerance, MAX_STATES)
     tried: list[tuple[float, float]] = []
@@ -232,9 +229,15 @@ def _by_secant(
             if not tried:
                 raise
             must_hold = "the lift must reach the weight at a current that the field holds"
-            received = f"lift / weight {_last(tried)}; the field does not hold {current:.4g} A"
+            received = (
+                f"lift / weight {_last(tried)}; {payload.held()}; the field does not hold {current:.4g} A"
+            )
             remedy = "choose a position nearer to the iron, or a field that holds more current"
+            if tried[0][1] < -1.0:
+                remedy = 'turn the shares around, or the magnet (payload.direction = "down" or "up")'
             raise OutsideMapError.of(_at(point), must_hold, received, remedy) from error
+        if not tried and not payload.soft:
+            _require_pull(balance, point, forces[0])
         tried.append((current, float(forces[-1][2] / balance.weight - 1.0)))
         if on_state is not None:
             on_state(current, tried[-1][1] + 1.0)
@@ -248,7 +251,7 @@ def _by_secant(
             )
             problem = Problem(_at(point), must_hold, received, remedy)
             raise NotConverged(problem, residuals=tuple(abs(value) for _, value in tried))
-        if forces[0][2] <= 0.0:
+        if payload.soft and forces[0][2] <= 0.0:
             must_hold = "the field must pull the payload up at the first current"
             remedy = (
                 "choose another position, other shares, or another first current; where every coil may carry its "
@@ -275,9 +278,15 @@ def _by_secant(
     return _lift(current, payload, balance, point, slope, (*held, _upright(payload), *soft), history)
 
 
+def _model(payload: Payload) -> MagnetModel:
+    """Pieces stay upright here, whether the payload may turn or not."""
+    return "fixed" if payload.pieces else model_of(payload)
+
+
 def _upright(payload: Payload) -> str:
     what = f"the payload of {payload.description}" if payload.pieces else "the magnet"
-    return f"{what} stays upright and does not magnetise the iron"
+    how = "stays upright" if _model(payload) == "fixed" else "stays parallel to the local field"
+    return f"{what} {how} and does not magnetise the iron"
 
 
 def _next_current(tried: Sequence[tuple[float, float]], power: float = 1.0) -> float:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import remedy_of_moment
+from fieldmap.arguments import check_not_negative, remedy_of_moment
 from fieldmap.errors import Infeasible, InputError, Problem
 from fieldmap.lookup.actuation import FIELD_ROWS, FORCE_ROWS, GRADIENT_ROWS, TORQUE_ROWS, dipole_rows
 from fieldmap.lookup.magnetic_body import MagneticBody
@@ -31,18 +31,28 @@ class Demand(Record):
     """Components with names and wanted values (r,).
 
     The components are selection (r, 12) @ (flux density, gradient row by row); on a body they are selection (r, 18) @
-    (force, torque, flux density, gradient row by row).
+    (force, torque, flux density, gradient row by row). along: of a magnet that follows the field, the unit vector (3,)
+    along which its moment shall point; least: the flux density along it that there must be at least, T.
     """
 
     names: tuple[str, ...]
     selection: Array
     values: Array
     body: MagneticBody | None = None
+    along: Array | None = None
+    least: float = 0.0
 
     @property
     def on_soft_iron(self) -> bool:
         """Whether soft iron is in the body, so that its force is no linear function of the field."""
         return self.body is not None and bool(self.body.soft)
+
+    def held(self) -> Demand:
+        """The same with the least flux density along the direction."""
+        assert self.along is not None
+        row = _rows_of_field(self.along[None, :], self.selection.shape[1])
+        names, values = (*self.names, "B along"), np.append(self.values, self.least)
+        return replace(self, names=names, selection=np.vstack([self.selection, row]), values=values)
 
     def text(self, values: Array) -> str:
         """Values with names and units, zeros left out."""
@@ -66,6 +76,8 @@ def demand_of(
     torque: ArrayLike | None,
     field: ArrayLike | None,
     gradient: ArrayLike | None,
+    direction: ArrayLike | None = None,
+    least: float = 0.0,
 ) -> Demand:
     """All that is asked for at once; NaN leaves a component free.
 
@@ -74,17 +86,25 @@ def demand_of(
     force, torque
         (3,), N and N m, on a dipole or a body about its centre.
     moment
-        (3,), A m^2, of the dipole, or the body.
+        (3,), A m^2, of the dipole, or the body; with a direction its size, one number.
     field
         (3,), T.
     gradient
         (3, 3), T/m; its five independent entries count.
+    direction
+        (3,), along which the flux density points, of whatever size, and with it the dipole.
+    least
+        Flux density along it that there must be at least, T.
 
     Raises
     ------
     InputError
         Where nothing is asked for, or a shape does not fit.
     """
+    if direction is not None:
+        return _following(force, moment, torque, field, gradient, direction, least)
+    if least != 0.0:
+        raise _wrong("least_field", "given with a direction", least)
     values = _FREE.copy()
     on_load = force is not None or torque is not None
     body = moment if isinstance(moment, MagneticBody) else None
@@ -106,6 +126,58 @@ def demand_of(
     if not asked.size:
         raise _wrong("demand", "at least one component that is not NaN", None)
     return Demand(tuple([_ROWS[k] for k in asked]), every[asked], values[asked], body)
+
+
+def _following(
+    force: ArrayLike | None,
+    size: Any,
+    torque: ArrayLike | None,
+    field: ArrayLike | None,
+    gradient: ArrayLike | None,
+    direction: ArrayLike,
+    least: float,
+) -> Demand:
+    """The demand on a magnet that follows the field: no flux density across its direction, and the force on it."""
+    for name, given in (("torque", torque), ("field", field)):
+        if given is not None:
+            raise _wrong(
+                name, "not asked for with a direction, which leaves no torque and frees the size of B", given
+            )
+    unit = _vector("direction", direction, (3,))
+    length = float(np.linalg.norm(unit))
+    if not length > 0.0:
+        raise _wrong("direction", "finite and not zero", direction)
+    unit = unit / length
+    check_not_negative("currents_for", least_field=least)
+    moment = None
+    if force is not None:
+        if (
+            isinstance(size, MagneticBody)
+            or np.ndim(size)
+            or size is None
+            or not 0.0 < float(size) < math.inf
+        ):
+            raise _wrong("moment", "with a direction one positive number, its size in A m^2", size)
+        # As a body, to which the iron reacts.
+        moment = MagneticBody(np.zeros((1, 3)), float(size) * unit[None, :])
+    across = np.linalg.svd(unit[None, :])[2][1:]
+    names = ("B across 1", "B across 2")
+    if force is None and gradient is None:
+        return Demand(names, _rows_of_field(across, 12), np.zeros(2), None, unit, least)
+    rest = demand_of(force, moment, None, None, gradient)
+    return Demand(
+        (*rest.names, *names),
+        np.vstack([rest.selection, _rows_of_field(across, rest.selection.shape[1])]),
+        np.concatenate([rest.values, np.zeros(2)]),
+        rest.body,
+        unit,
+        least,
+    )
+
+
+def _rows_of_field(along: Array, width: int) -> Array:
+    """Rows (r, width) of a selection: flux density along unit vectors (r, 3)."""
+    return np.hstack([np.zeros((len(along), width - 12)), along, np.zeros((len(along), 9))])
 
 
 def _moment(values: Any) -> Array:

@@ -799,11 +799,13 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         resistance: ArrayLike | None = None,
         start: ArrayLike | None = None,
         orientation: ArrayLike | None = None,
+        direction: ArrayLike | None = None,
+        least_field: float = 0.0,
     ) -> Array:
         """Currents of least power, sum(resistance currents^2), that give what is asked for at a position.
 
         Where iron saturates, in the map or in a body, this is no linear problem, and a search finds a local optimum,
-        within 1000 evaluations of the field. In a map over a current parametrisation the currents are those of its
+        within 500 evaluations of the field. In a map over a current parametrisation the currents are those of its
         signals, within its domain; they are of least power where each coil follows one signal.
 
         Parameters
@@ -813,7 +815,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         force, torque
             (3,), N and N m. NaN leaves a component free, here and in `field` and `gradient`.
         moment
-            (3,), A m^2, of a dipole, or a `MagneticBody`.
+            (3,), A m^2, of a dipole, or a `MagneticBody`; with `direction` the size of the moment, one number.
         limits
             A; a number for both directions, or (lower, upper), each a number or one per coil.
         field
@@ -826,6 +828,11 @@ class FieldMap(Field, own_shapes=ONE_POINT):
             Currents (n_coils,), A, from which a search begins.
         orientation
             (3, 3), whose columns are the axes of the body; upright without.
+        direction
+            (3,), of a magnet that follows the field: B points that way, of whatever size, and the force acts on a
+            moment along it.
+        least_field
+            With `direction`: B along it, T, is at least this; any above zero unless given.
 
         Returns
         -------
@@ -836,7 +843,8 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         ------
         Infeasible
             The message names the limits that bind and the share of the demand that is possible. After a search it says
-            where the search ended, which is no proof that no currents exist.
+            where the search ended, which is no proof that no currents exist. With `direction` also where B points
+            against it at least power, so that the magnet would turn over.
         OutsideMapError, InputError, NotConverged
             For a place outside the box, for arguments that do not fit, and for a search that does not end.
 
@@ -845,8 +853,9 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         >>> m = open_map("workspace.h5")                                                     # doctest: +SKIP
         >>> m.currents_for([0, 0, -0.1], force=[0, 0, 0.11], moment=[0, 0, 0.8], limits=3.5)  # doctest: +SKIP
         """
-        load = None if moment is None else loaded(self, moment)
-        demand, fields = demand_of(force, load, torque, field, gradient), self._fields_of_currents()
+        load = moment if direction is not None or moment is None else loaded(self, moment)
+        demand = demand_of(force, load, torque, field, gradient, direction, least_field)
+        fields = self._fields_of_currents()
         return least_power_currents(fields, position, demand, limits, resistance, start, orientation)
 
     def _fields_of_currents(self) -> SumOfFields:

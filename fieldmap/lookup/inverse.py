@@ -1,4 +1,4 @@
-"""The inverse of a field: currents of least power that meet a demand at a place. docs/theory/actuation.md (5), (8).
+"""The inverse of a field: currents of least power that meet a demand at a place. docs/theory/actuation.md (5)..(9).
 
     min sum_k R_k I_k^2   with   rows(field(I)) = demand,   currents within their limits
 
@@ -10,7 +10,7 @@ parametrisation), and in where a search begins. A linear problem is solved at on
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from itertools import product
 
@@ -32,11 +32,15 @@ from fieldmap.typing import Array
 _SAVING_ON_SOFT_IRON = 1e-7
 _UPRIGHT = np.eye(3)
 # Of the search for currents that pull soft iron.
+_ROUNDING = 1e-9  # of what the coils give one by one
 _SMALL = 1e-3  # currents, of the typical ones, at which soft iron is still linear
 _NO_SLOPE = 1e-9  # of what typical currents give: rounding
 _ASIDE = (0.0, 1.0, -1.0)  # of the wanted force: what is tried beside it along each other row
 _EIGENVECTORS = 2
 _RESCALINGS = 12
+# So many searches in a row that bring nothing better, or nothing at all, end a call.
+_ENOUGH, _HOPELESS = 2, 8
+_BETTER = 1e-3  # of the power: what counts as better
 
 
 def currents_for(
@@ -52,6 +56,8 @@ def currents_for(
     resistance: ArrayLike | None = None,
     start: ArrayLike | None = None,
     orientation: ArrayLike | None = None,
+    direction: ArrayLike | None = None,
+    least_field: float = 0.0,
 ) -> Array:
     """Currents of least power that give what is asked for at a position, in a map or in a device without a map.
 
@@ -64,7 +70,7 @@ def currents_for(
         Map, solution, coils, or a field of your own.
     flux_density
         (3,), T; NaN leaves a component free.
-    position, force, moment, limits, torque, gradient, resistance, start, orientation
+    position, force, moment, limits, torque, gradient, resistance, start, orientation, direction, least_field
         As in `FieldMap.currents_for`.
 
     Returns
@@ -87,8 +93,8 @@ def currents_for(
     array([0.001])
     """
     source = as_field(field)
-    load = None if moment is None else loaded(source, moment)
-    demand = demand_of(force, load, torque, flux_density, gradient)
+    load = moment if direction is not None or moment is None else loaded(source, moment)
+    demand = demand_of(force, load, torque, flux_density, gradient, direction, least_field)
     return least_power_currents(fields_of(source), position, demand, limits, resistance, start, orientation)
 
 
@@ -125,6 +131,10 @@ def least_power_currents(
 ) -> Array:
     """Currents (n_coils,), A, of least power that meet a demand on a dipole or a body at a position (3,), m.
 
+    A magnet that follows the field stays where its moment lies along B, and turns over where it lies against it. If the
+    currents of least power leave less than the least flux density along its direction, exactly that is demanded: in a
+    linear problem, which is convex, these are the currents of least power with at least that much.
+
     Parameters
     ----------
     limits, resistance, start, orientation
@@ -135,6 +145,34 @@ def least_power_currents(
     Infeasible, OutsideMapError, InputError, NotConverged
         As `FieldMap.currents_for`.
     """
+    found = _meeting(field, position, demand, limits, resistance, start, orientation)
+    if demand.along is None:
+        return found
+    row = Demand(("B along",), np.append(demand.along, np.zeros(9))[None, :], np.zeros(1))
+    free = Variables(field.coil_names, *checked_limits(None, len(found)), np.ones(len(found)))
+    place = np.asarray(position, dtype=float)[None, :]
+    (given,), (slope,) = Goal(row, field.at(place), _UPRIGHT, free).about(found)
+    # Below this share of what the coils give one by one it is rounding.
+    if given > max(demand.least * (1.0 - _ROUNDING), _ROUNDING * float(np.abs(slope) @ np.abs(found))):
+        return found
+    if demand.least == 0.0:
+        must_hold = "the flux density must point along the direction, so that a magnet that may turn stays"
+        note = f", which leaves {given:.3g} T along it at least power"
+        remedy = "give least_field, the flux density along the direction that holds the magnet, T"
+        raise demand.infeasible(must_hold, remedy, note)
+    return _meeting(field, position, demand.held(), limits, resistance, start, orientation)
+
+
+def _meeting(
+    field: SumOfFields | SolvedField,
+    position: ArrayLike,
+    demand: Demand,
+    limits: Limits,
+    resistance: ArrayLike | None,
+    start: ArrayLike | None,
+    orientation: ArrayLike | None,
+) -> Array:
+    """Currents (n_coils,), A, of least power that meet the rows of a demand."""
     names = field.coil_names
     weight = checked_weight(resistance, len(names))
     points, single = checked_vectors("position", position)
@@ -152,7 +190,7 @@ def least_power_currents(
     goal = Goal(demand, field.at(points), turn, Variables(names, low, high, weight), reacts)
 
     def by_linear(linear: SumOfFields) -> Array:
-        return least_power_currents(linear, position, demand, limits, resistance, None, orientation)
+        return _meeting(linear, position, demand, limits, resistance, None, orientation)
 
     return least_power_of(goal, field, first, by_linear)
 
@@ -191,11 +229,8 @@ def least_power_of(
     scale = _scale(goal.variables, model, first)
     saving = max(field.saving, _SAVING_ON_SOFT_IRON) if demand.on_soft_iron else field.saving
     remedy = _REMEDY if start is None else _REMEDY_OF_START
-    searches = [
-        Search(goal, begin, scale, field.met, saving, remedy)
-        for begin in _starts(goal, model, first, float(scale.max()))
-    ]
-    found = best_of(searches)
+    starts = _starts(goal, model, first, float(scale.max()))
+    found = best_of(Search(goal, begin, scale, field.met, saving, remedy) for begin in starts)
     currents = goal.variables.currents(found)
     over = np.maximum(low - currents, currents - high)
     made = goal.variables.made
@@ -258,34 +293,42 @@ def _scale(variables: Variables, model: ReducedModel | None, first: Array | None
     return np.full(len(variables.low), next((size for size in sizes if size > 0.0), 1.0))
 
 
-def _starts(goal: Goal, model: ReducedModel | None, first: Array | None, scale: float) -> list[Array]:
+def _starts(goal: Goal, model: ReducedModel | None, first: Array | None, scale: float) -> Iterator[Array]:
     """Variables (n,) at which searches begin: those of the currents `first`, or several."""
-    of = goal.variables
-    starts: list[Array] = []
+    of, none = goal.variables, True
     if first is None and of.made is None and goal.demand.on_soft_iron:
-        starts += starts_on_soft_iron(goal, scale)
+        for start in starts_on_soft_iron(goal, scale):
+            none = False
+            yield start
     begin = _middle(model) if first is None and model is not None else first
     if begin is not None:
-        starts.append(of.within(of.nearest(begin)))
-    # Where there is no start, currents of zero say why nothing can be had.
-    return starts or [of.within(np.zeros(len(of.cost)))]
+        yield of.within(of.nearest(begin))
+    elif none:
+        # Where there is no start, currents of zero say why nothing can be had.
+        yield of.within(np.zeros(len(of.cost)))
 
 
-def best_of(searches: list[Search]) -> Array:
-    """The end (n,) of least power, of the searches that begin before the evaluations of a call are used up. Raises the
-    error of the search that left least of the demand, where all failed."""
-    found: list[Array] = []
-    refused: list[Infeasible | NotConverged] = []
+def best_of(searches: Iterable[Search]) -> Array:
+    """The end (n,) of least power, of searches until some in a row have brought nothing better, or the evaluations of a
+    call are used up. Raises the error of the search that left least of the demand, where all failed."""
+    best, least, in_vain = None, math.inf, 0
+    refused: list[tuple[float, Infeasible | NotConverged]] = []
     for search in searches:
-        if (found or refused) and search.goal.evaluations >= MOST_EVALUATIONS:
-            break
+        in_vain += 1
         try:
-            found.append(search.run())
+            end = search.run()
         except (Infeasible, NotConverged) as error:
-            refused.append(error)
-    if not found:
-        raise min(refused, key=searches[0].left_by)
-    return min(found, key=searches[0].variables.power)
+            refused.append((search.left_by(error), error))
+        else:
+            power = search.variables.power(end)
+            in_vain = 0 if power < (1.0 - _BETTER) * least else in_vain
+            best, least = (end, power) if power < least else (best, least)
+        most = _HOPELESS if best is None else _ENOUGH
+        if in_vain >= most or search.goal.evaluations >= MOST_EVALUATIONS:
+            break
+    if best is None:
+        raise min(refused, key=lambda each: each[0])[1]
+    return best
 
 
 def starts_on_soft_iron(goal: Goal, scale: float) -> Iterator[Array]:

@@ -158,6 +158,7 @@ class Goal:
     def __post_init__(self) -> None:
         self._last: tuple[bytes, tuple[Array, Array]] | None = None
         self._fields: Array | None = None
+        self._weights: Array | None = None
         self.evaluations = 0
 
     def about(self, values: Array) -> tuple[Array, Array]:
@@ -166,6 +167,7 @@ class Goal:
         if self._last is None or self._last[0] != key:
             self.evaluations += 1
             fields, weights, slopes = self.field(self.variables.currents(values))
+            self._weights = weights
             if fields is not self._fields:
                 self._fields, self._rows = fields, self._rows_of(fields)
             given, by_weights = self._rows(weights)
@@ -174,6 +176,17 @@ class Goal:
                 slope = slope @ self.variables.made.derivative(values)
             self._last = key, (given, slope)
         return self._last[1]
+
+    def undirected(self) -> Array:
+        """What the rows (r,) would be if flux density and gradient lay along them, at the values asked for last: on an
+        axis of symmetry a row itself may be rounding. Zero for force and torque on a body."""
+        of, fields, weights = self.demand.selection[:, -12:], self._fields, self._weights
+        if fields is None or weights is None:
+            return np.zeros(len(self.demand.values))
+        sizes = [
+            np.abs(weights) @ np.linalg.norm(part, axis=1) for part in (fields[0, :, :3], fields[0, :, 3:])
+        ]
+        return np.linalg.norm(of[:, :3], axis=1) * sizes[0] + np.linalg.norm(of[:, 3:], axis=1) * sizes[1]
 
     def _rows_of(self, fields: Array) -> Callable[[Array], tuple[Array, Array]]:
         """A function of the weights (k,) of fields (points, k, 12): what they give, (r,), and its derivatives (r, k) by

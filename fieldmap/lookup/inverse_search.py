@@ -17,13 +17,17 @@ from fieldmap.lookup.inverse_problem import Goal, Variables
 from fieldmap.typing import Array
 
 _ROUNDING = 1e-13
+_FAINT = 1e-6  # a row is judged by no less than this share of what it would be of the whole field
 _ROUNDING_OF_MODELS = 1e-12
 _HALVINGS = 50
 _NO_SHARE = 1e-9
 _MOST_STEPS, _MOST_CHANGES = 100, 10
-MOST_EVALUATIONS = 1000
+MOST_EVALUATIONS = 500
 """Of the field at new values, in all searches of one call: the last one begun ends there."""
 _NO_PROGRESS = 1e-4  # a share of the step below which the search gives up
+# A search that has left more than this share of the demand gives up where so many steps have changed it by no more than
+# a tenth: at limits it creeps towards the nearest that can be had.
+_FAR, _PATIENCE = 1e-2, 10
 
 
 def linear_currents(goal: Goal) -> Array:
@@ -132,6 +136,7 @@ class Search:
         )
         # What is missing of a row is judged by what is asked of it, or what typical variables give of it.
         self.size = np.maximum(np.abs(slope) @ typical, np.maximum(np.abs(self.demand.values), 1e-300))
+        self.size = np.maximum(self.size, _FAINT * goal.undirected())
         # The merit of variables: their power, and this price for what they miss of the demand.
         self.price = 10.0 * self.variables.power(typical)
 
@@ -147,9 +152,13 @@ class Search:
         """
         values, power = self.first, self.variables.power
         off = self._off(values)
+        before: list[float] = []
         for _ in range(_MOST_STEPS):
             if self.goal.evaluations >= MOST_EVALUATIONS:
                 break
+            before = [*before, off][-_PATIENCE:]
+            if len(before) == _PATIENCE and min(before) > max(_FAR, 0.9 * max(before)):
+                raise self._stuck(values)
             aim, left = self._aim(values, off)
             dearer = power(aim) - power(values)
             if off > self.met and self.price * (off - left) < 2.0 * dearer:

@@ -33,8 +33,8 @@ def magnetic_body(
 ) -> MagneticBody:
     """The magnetic body of a payload, a magnet or a soft body, about its centre.
 
-    A payload of a moment alone is a dipole along z; of a shape and a moment of its own, such as a measured
-    one, the rule of the shape has that moment.
+    A payload of a moment alone is a dipole, which points as `Payload.direction` says; of a shape and a moment of its
+    own, such as a measured one, the rule of the shape has that moment.
 
     Parameters
     ----------
@@ -58,7 +58,8 @@ def magnetic_body(
     Raises
     ------
     InputError
-        For soft iron whose material is a mere name, or is none of soft iron; and as for `finite_magnet`.
+        For soft iron whose material is a mere name, or is none of soft iron; and as for `finite_magnet` and
+        `Payload.moment_vector`.
     NotConverged, OutsideMapError
         As for `finite_magnet`.
 
@@ -89,11 +90,12 @@ def magnetic_body(
         return rule(payload)
     if isinstance(payload, SoftBody):
         return MagneticBody(_NONE, _NONE, soft=(soft_piece(payload),))
+    moment = payload.moment_vector
     if payload.pieces:
         return _of_pieces(payload, rule)
     if payload.magnet is not None and (level > 1 or field is not None):
-        return _as_measured(rule(payload.magnet), payload.moment)
-    return FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, payload.moment]]))
+        return _as_measured(rule(payload.magnet), float(moment[2]))
+    return FiniteMagnet(np.zeros((1, 3)), moment[None, :])
 
 
 def check_payload(payload: Payload | None, where: str, pieces: bool = False) -> Payload:
@@ -158,7 +160,7 @@ def compiled_wrench(field_map: FieldMap, body: MagneticBody) -> tuple[Any, Any]:
 
 
 def _as_measured(magnet: FiniteMagnet, moment: float) -> FiniteMagnet:
-    """The rule of a shape with a payload's own moment, A m^2, in the place of that of its remanence."""
+    """The rule of a shape with a payload's own moment along z, A m^2, in the place of that of its remanence."""
     share = moment / magnet.moment
     # A moment that follows from the shape differs by rounding alone.
     return magnet if abs(share - 1.0) < 1e-12 else replace(magnet, moments=share * magnet.moments)

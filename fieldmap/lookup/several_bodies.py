@@ -57,6 +57,9 @@ class _Goal(Goal):
         given, self.last_slopes = super().about(values)
         return given, self.last_slopes
 
+    def undirected(self) -> Array:
+        return np.zeros(len(self.demand.values))
+
     def _rows_of(self, fields: Array) -> Callable[[Array], tuple[Array, Array]]:
         assert isinstance(self.demand, _Demand)
         assert self.places is not None

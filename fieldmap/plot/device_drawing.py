@@ -229,9 +229,7 @@ def add_payload(scene: pv.Plotter, payload: Payload, at: Array) -> None:
     shape = solids.magnet_surface(payload.magnet)
     if shape is None:
         return
-    half = 0.5 * (shape.bounds[5] - shape.bounds[4])
+    half, along = 0.5 * (shape.bounds[5] - shape.bounds[4]), np.sign(payload.moment_vector)
     _add_solid(scene, shape.translate(at, inplace=False), MAGNET)
-    arrow = pv.Arrow(
-        start=at + np.array([0.0, 0.0, half]), direction=(0, 0, 1), scale=2.0 * half, shaft_radius=0.06
-    )
+    arrow = pv.Arrow(start=at + half * along, direction=along, scale=2.0 * half, shaft_radius=0.06)
     scene.add_mesh(arrow, color=MAGNET)

@@ -27,8 +27,8 @@ _ALONG, _LAYERS = 7, 3
 
 
 def add_forces(scene: pv.Plotter, shown: Shown, _: str) -> None:
-    """Arrows of the magnetic force on the payload's magnet, moment upwards, on a grid of its places."""
-    _add_arrows(scene, shown, "force", magnetic_force)
+    """Arrows of the magnetic force on the payload, which does not turn, on a grid of its places."""
+    _add_arrows(scene, shown, "force", upright_force)
 
 
 def add_equilibrium(scene: pv.Plotter, shown: Shown, _: str) -> None:
@@ -45,16 +45,10 @@ def places_in_box(box: Bounds) -> Array:
     return np.vstack([plane_of(box, "y", float(y), (_ALONG, _ALONG))[0] for y in layers])
 
 
-def magnetic_force(field: AnyField, currents: Any, payload: Payload, places: Array) -> Array:
-    """Force (n, 3), N, on an upright payload: its pieces, or a dipole, upwards or downwards so that it is lifted."""
-    force = upright_force(field, currents, payload, places)
-    return force if payload.pieces or force[:, 2].sum() >= 0 else -force
-
-
 def net_force(field: AnyField, currents: Any, payload: Payload, places: Array) -> Array:
     """Magnetic force and weight together (n, 3), N."""
     weight = np.array([0.0, 0.0, -payload.mass * GRAVITY])
-    return magnetic_force(field, currents, payload, places) + weight
+    return upright_force(field, currents, payload, places) + weight
 
 
 def _add_arrows(scene: pv.Plotter, shown: Shown, name: str, force_at: Callable[..., Array]) -> None:

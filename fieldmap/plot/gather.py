@@ -67,7 +67,7 @@ def shown_field(
 
     minus: the field that is taken off, for "difference". height: of the magnet's centre, m, for "shift". For
     "reachable" place (3,), m, the middle of the box unless given; limit of every current, A, the driver's unless given;
-    kind: "force" on the payload's upright moment, or "B". Raises InputError, before anything is solved, for what does
+    kind: "force" on the payload, upright, or "B". Raises InputError, before anything is solved, for what does
     not fit together.
     """
     if what == "difference":
@@ -107,7 +107,7 @@ def _reachable(
     if kind != "B":
         about.need("payload")
         assert source.payload is not None
-        acted_on = np.array([0.0, 0.0, source.payload.moment])
+        acted_on = source.payload.moment_vector
         # The force on soft iron is not linear in the currents.
         if source.payload.pieces and len((body := magnetic_body(source.payload)).soft):
             acted_on = body

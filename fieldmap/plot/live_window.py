@@ -3,7 +3,7 @@ Lengths in mm where something is drawn."""
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,7 +16,8 @@ from fieldmap.arguments import check_positive
 from fieldmap.currents import IndependentCurrents
 from fieldmap.device.model import Payload
 from fieldmap.errors import FieldmapError, InputError, NoEquilibrium, OutsideMapError
-from fieldmap.levitation import GRAVITY, Equilibrium, dipole_force, find_equilibrium
+from fieldmap.levitation import GRAVITY, Equilibrium, find_equilibrium
+from fieldmap.levitation.balance import held_at, magnet_balance
 from fieldmap.lookup import FieldMap
 from fieldmap.lookup.payload import check_payload
 from fieldmap.plot.device_drawing import FLUX, MAGNET, VIEW, add_planes
@@ -47,14 +48,16 @@ class Control(Record):
 class LiveAnswer(Record):
     """What there is at currents (n_coils,), A.
 
-    flux_density (n, 3), T, at the points that were asked for; force (3,), N, on the magnet at `place` (3,), m; lift:
-    its vertical part over the weight; equilibrium, or None; words: where it is, or why there is none.
+    flux_density (n, 3), T, at the points that were asked for; force (3,), N, on the magnet at `place` (3,), m; held:
+    which way its moment points there and whether it turns; lift: the vertical part over the weight; equilibrium, or
+    None; words: where it is, or why there is none.
     """
 
     currents: Array
     flux_density: Array
     place: Array
     force: Array
+    held: str
     lift: float
     equilibrium: Equilibrium | None
     words: str
@@ -63,7 +66,7 @@ class LiveAnswer(Record):
 class LiveMap:
     """A map behind sliders: the currents of its coils, or the signals of the division it was made for, and a height.
 
-    field_map: an opened map. payload: the magnet, upright. points (n, 3), m: where the field is asked for.
+    field_map: an opened map. payload: the magnet. points (n, 3), m: where the field is asked for.
     current_limit: ends of the sliders of a linear map, A; of a map of saturating iron they are its domain. force_scale:
     what every force is multiplied by, 1 unless a calibration says otherwise. states_file: where saved states are kept,
     as JSON, read at once where it is there. Raises InputError for a payload that is none, a limit that is not positive,
@@ -92,7 +95,7 @@ class LiveMap:
         self.field_map, self.points = field_map, np.asarray(points, dtype=float)
         # A force that is larger by a factor lifts the same as a moment that is.
         self.weight = payload.mass * GRAVITY
-        self._payload = Payload(payload.mass, force_scale * payload.moment)
+        self._payload = replace(payload, moment=force_scale * payload.moment)
         low, high = field_map.lower[2], field_map.upper[2]
         height = Control("magnet z", "mm", 1e3 * low, 1e3 * high, 1e3 * (0.4 * low + 0.6 * high))
         begin = self._start(1e-3 * height.value)
@@ -120,10 +123,12 @@ class LiveMap:
         if self.field_map.info.reduced_model is not None:
             return reference
         slope = self.field_map.gradient(self._place(height), reference)[2, 2]
-        if self.field_map.proportional:
-            return reference * self.weight / (self._payload.moment * abs(slope)) if slope else reference
-        off = self.field_map.constant_gradient(self._place(height))[2, 2]
-        wanted = np.copysign(self.weight / self._payload.moment, slope)
+        wanted = self.weight / self._payload.moment_vector[2]
+        off = (
+            0.0
+            if self.field_map.proportional
+            else self.field_map.constant_gradient(self._place(height))[2, 2]
+        )
         return reference * (wanted - off) / (slope - off) if slope != off else reference
 
     def currents(self, values: ArrayLike) -> Array:
@@ -138,19 +143,16 @@ class LiveMap:
         amperes, height = self.currents(values), 1e-3 * float(np.asarray(values, dtype=float)[-1])
         place = self._place(height)
         try:
-            field = self.field_map.at(amperes)
-            flux = field.field(self.points)
-            gradient = field.gradient(place)
+            flux = self.field_map.at(amperes).field(self.points)
+            balance = magnet_balance(self.field_map, amperes, self._payload, place)
+            force = balance.magnetic_force(place[None, :])[0]
         except OutsideMapError as error:
             nothing = np.full(3, np.nan)
-            return LiveAnswer(
-                amperes, np.full(self.points.shape, np.nan), place, nothing, np.nan, None, _short(error)
-            )
+            flux, held = np.full(self.points.shape, np.nan), self._payload.held()
+            return LiveAnswer(amperes, flux, place, nothing, held, np.nan, None, _short(error))
+        held, _ = held_at(balance, self._payload, place)
         found, words = self._equilibrium(amperes)
-        up = 1.0 if found is None else float(np.sign(found.moment[2]))
-        force = dipole_force(np.array([0.0, 0.0, up * self._payload.moment]), gradient)
-        force = -force if found is None and force[2] < 0 else force
-        return LiveAnswer(amperes, flux, place, force, float(force[2]) / self.weight, found, words)
+        return LiveAnswer(amperes, flux, place, force, held, float(force[2]) / self.weight, found, words)
 
     def _equilibrium(self, amperes: Array) -> tuple[Equilibrium | None, str]:
         try:
@@ -207,7 +209,7 @@ class LiveMap:
         force = lift = ""
         if np.isfinite(answer.lift):
             at = ", ".join(fixed(1e3 * x, 1) for x in answer.place)
-            force = f"force at ({at}) mm: {force_in_words(answer.force)}"
+            force = f"{answer.held}, force at ({at}) mm: {force_in_words(answer.force)}"
             lift = f"lift {100 * answer.lift:.1f} % of the weight"
         return {
             "currents": f"currents, A: {amperes}",

@@ -227,7 +227,18 @@ class StoredReaction(Record):
     repelled: int = 0
 
     def on(self, grid: Grid) -> "MapData":
-        """The fields as a map of their own, as if each were that of a coil at 1 A."""
+        """The fields as a map of their own, as if each were that of a coil at 1 A.
+
+        Parameters
+        ----------
+        grid
+            Of the map.
+
+        Returns
+        -------
+        MapData
+            The map.
+        """
         names = tuple(map(str, range(len(self.flux_density))))
         unit = np.ones(len(names))
         return MapData(grid, names, unit, flux_density=self.flux_density, gradient=self.gradient)

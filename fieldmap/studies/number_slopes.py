@@ -175,8 +175,7 @@ class _Slopes:
         self._by_level: dict[str, Array] = {}
         self._by_place: dict[str, Array] = {}
         if self.carries and not point.payload.pieces:
-            up = [0.0, 0.0, point.payload.moment]
-            self.need("lift", DipoleForce(np.array(point.entry.carried_at), up))
+            self.need("lift", DipoleForce(np.array(point.entry.carried_at), point.payload.moment_vector))
 
     @property
     def carries(self) -> bool:
@@ -306,7 +305,7 @@ def _force_per_ampere(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
     if not as_field(point.iron.field).proportional:
         return None
     name, k = f"force {at[0]}", at[1]
-    force = DipoleForce(point.record.points[at[0]], [0.0, 0.0, point.payload.moment])
+    force = DipoleForce(point.record.points[at[0]], point.payload.moment_vector)
     work.need(name, force)
     gradient = point.iron.field.gradient(force.points, point.currents)
     value = dipole_force(np.array(force.moment), gradient)[0, k]

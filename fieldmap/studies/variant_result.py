@@ -237,7 +237,7 @@ def _field(point: OperatingPoint) -> Numbers:
 
 
 def _force_per_ampere(point: OperatingPoint) -> Numbers:
-    """(F(i + h) - F(i - h)) / 2h of an upward moment, or the upright pieces; exact where the force is
+    """(F(i + h) - F(i - h)) / 2h of the payload, which does not turn; exact where the force is
     proportional to the current."""
     forces = [
         upright_force(point.iron.field, factor * point.currents, point.payload, point.record.points)
@@ -343,23 +343,27 @@ _GROUPS: dict[str, Callable[[OperatingPoint], Numbers]] = {
 
 
 def lowest_lift_height(field: Field, currents: Array, payload: Payload, over: Array) -> float:
-    """Lowest height z (m) of the box on the vertical over (x, y) at which these currents lift the weight.
+    """Lowest height z (m) of the box on the vertical over (x, y) at which these currents lift the weight, or these
+    currents the other way round.
 
-    The moment is vertical, up or down, whichever is lifted more; pieces are upright. The box's lower end if they lift
-    it there too. Raises Infeasible if they lift it nowhere on the vertical.
+    The payload does not turn. The box's lower end if they lift it there too. Raises Infeasible if they lift it nowhere
+    on the vertical.
     """
     lower, upper = (float(corner[2]) for corner in require_bounds(field))
 
-    def lift(z: Array) -> Array:
+    def lift(z: Array, way: float) -> Array:
         points = np.column_stack([np.broadcast_to(over[:2], (len(z), 2)), z])
-        force = upright_force(field, currents, payload, points)[:, 2]
-        return force if payload.pieces else np.abs(force)
+        return upright_force(field, way * currents, payload, points)[:, 2]
 
     weight = payload.mass * GRAVITY
     heights = np.linspace(lower, upper, HEIGHTS)
-    enough = lift(heights) >= weight
+    way, lifts = 1.0, lift(heights, 1.0)
+    if not payload.soft and lifts.max() < weight:
+        other = lift(heights, -1.0)
+        way, lifts = (-1.0, other) if other.max() > lifts.max() else (way, lifts)
+    enough = lifts >= weight
     if not enough.any():
-        share, limit = lift(heights).max() / weight, np.abs(currents).max()
+        share, limit = lifts.max() / weight, np.abs(currents).max()
         must_hold = "the currents at the limit must lift the payload somewhere in the workspace"
         received = f"{share:.3g} of the weight at most, with {limit:g} A"
         remedy = "raise the limit, lighten the payload, or let the workspace begin nearer to the iron"
@@ -368,7 +372,7 @@ def lowest_lift_height(field: Field, currents: Array, payload: Payload, over: Ar
     if first == 0:
         return lower
     return float(
-        brentq(lambda z: lift(np.array([z]))[0] - weight, heights[first - 1], heights[first], xtol=1e-7)
+        brentq(lambda z: lift(np.array([z]), way)[0] - weight, heights[first - 1], heights[first], xtol=1e-7)
     )
 
 
@@ -383,8 +387,9 @@ def controllable_share(
     check_payload(payload, "reachable_share")
     half = 0.5 * (upper - lower) / GRID
     points = grid_points(lower + half, upper - half, GRID)
-    per_ampere = payload.moment * solution.unit_fields(points)[1][:, :, 2, :]
-    constant = payload.moment * solution.constant_fields(points)[1][:, 2, :]
+    moment = payload.moment_vector[2]
+    per_ampere = moment * solution.unit_fields(points)[1][:, :, 2, :]
+    constant = moment * solution.constant_fields(points)[1][:, 2, :]
     held = [
         _holds(per_ampere[:, k].T, constant[k], payload.mass * GRAVITY, limit) for k in range(len(points))
     ]
@@ -392,14 +397,9 @@ def controllable_share(
 
 
 def _holds(matrix: Array, constant: Array, weight: float, limit: float) -> bool:
-    """Whether currents (n_coils,) exist for forces matrix (3, n_coils) of an upward moment; a downward one is the
-    same with the currents turned round, unless magnets add a constant."""
+    """Whether currents (n_coils,) exist for forces matrix (3, n_coils), N/A, beside a constant (3,), N."""
     coils = matrix.shape[1]
     low, high, weights = np.full(coils, -limit), np.full(coils, limit), np.ones(coils)
-    for sign in (1.0, -1.0) if constant.any() else (1.0,):
-        wanted = np.array([0.0, 0.0, weight]) - sign * constant
-        rows = np.ascontiguousarray(sign * matrix)
-        currents, active = np.empty(coils), np.empty(coils, np.int64)
-        if least_power(rows, wanted, low, high, weights, currents, active) == FOUND:
-            return True
-    return False
+    wanted, rows = np.array([0.0, 0.0, weight]) - constant, np.ascontiguousarray(matrix)
+    currents, active = np.empty(coils), np.empty(coils, np.int64)
+    return bool(least_power(rows, wanted, low, high, weights, currents, active) == FOUND)

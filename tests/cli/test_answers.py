@@ -44,6 +44,33 @@ def test_probe_with_the_payload_of_another_device(answer, machine, tmp_path):
     assert found["force"][2] == pytest.approx(3 * MOMENT * 2 * slope(-0.09), rel=1e-3)
 
 
+@pytest.mark.parametrize("turning", ["", "fixed", "free"])
+@pytest.mark.parametrize(("direction", "sign"), [("up", 1.0), ("down", -1.0)])
+def test_all_questions_take_the_direction_that_the_payload_states(
+    answer, machine, tmp_path, direction, sign, turning
+):
+    """Where it floats the force on it is its weight; the least current that carries it there is that of its height."""
+    other, words = tmp_path / "other.toml", f'direction = "{direction}"\n'
+    words += f'turning = "{turning}"\n' if turning else ""
+    other.write_text(Path(machine.device).read_text().replace("[payload]\n", f"[payload]\n{words}"))
+    carries = sign * lift_current(-0.095)
+    found = answer(f"equilibrium --currents={carries} --payload-of", other, machine.map)
+    x, y, z = found["position"]
+    assert [x, y, z] == pytest.approx([0, 0, -0.095], abs=2e-5)
+    place = f"--at='{x} {y} {z}' --payload-of"
+    probed = answer(f"probe --currents={carries} {place}", other, machine.map)
+    assert probed["moment"] == pytest.approx([0, 0, sign * MOMENT], abs=1e-7)
+    assert probed["force"] == pytest.approx([0, 0, MASS * gravity], rel=1e-4, abs=1e-7)
+    state = "free to turn" if turning == "free" else "fixed"
+    assert found["held"] == f"moment {direction}, {state}"
+    assert probed["held"] == ("moment along the field, free to turn" if turning == "free" else found["held"])
+    lifted = answer(f"equilibrium --height-mm={1e3 * z} --payload-of", other, machine.map)
+    # A free magnet is pulled by currents of either sign.
+    assert lifted["lift_current"] == pytest.approx(abs(carries) if turning == "free" else carries, rel=1e-4)
+    least = answer(f"currents --lift {place}", other, machine.map)
+    assert least["by_name"] == {"loop": pytest.approx(carries, rel=1e-4)}
+
+
 def test_several_points_give_a_list(answer, machine):
     found = answer("probe --at-mm '0 0 -70' --at '0 0 -0.1' --currents 1", machine.map)
     assert [row["at"][2] for row in found] == pytest.approx([-0.1, -0.07])

@@ -9,7 +9,7 @@ from scipy.constants import mu_0
 
 import fieldmap as fm
 from fieldmap.errors import Infeasible
-from tests.cli.thin_loop import MASS, flux, gravity, lift_current, slope
+from tests.cli.thin_loop import MASS, MOMENT, flux, gravity, lift_current, slope
 
 LINE = "currents --at 0 0 -0.09"
 
@@ -34,6 +34,23 @@ def test_the_loop_makes_a_flux_density(answer, machine):
 def test_a_moment_of_ones_own_and_a_torque(answer, machine):
     found = answer(f"{LINE} --moment 0.5 0 0 --torque 0 1e-3 0", machine.device)
     assert found["currents"] == [pytest.approx(-1e-3 / (0.5 * flux(-0.09)), rel=2e-4)]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_magnet_that_follows_the_field(answer, command, machine, sign):
+    """The loop attracts it whichever way it points; a magnet that is pushed away would turn over."""
+    way = f"--direction=0,0,{2 * sign:g} --moment={MOMENT}"
+    found = answer(f"{LINE} {way} --force nan nan {MASS * gravity}", machine.device)
+    assert found["currents"] == [pytest.approx(sign * lift_current(-0.09), rel=1e-3)]
+    assert found["moment"] == pytest.approx([0.0, 0.0, sign * MOMENT], abs=1e-7)
+    assert (found["asked"]["direction"], found["held"]) == (
+        [0, 0, 2 * sign],
+        "moment along the field, free to turn",
+    )
+    held = answer(f"{LINE} {way} --least-field 2e-3", machine.device)
+    assert held["currents"] == [pytest.approx(sign * 2e-3 / flux(-0.09), rel=2e-4)]
+    code, _, told = command(f"{LINE} {way} --force nan nan {-MASS * gravity}", machine.device)
+    assert (code, "least_field" in told) == (1, True)
 
 
 def test_what_can_be_had_where_the_limit_binds(command, answer, machine):
@@ -100,3 +117,30 @@ def test_iron_that_saturates(answer):
     assert told["error"] == "Infeasible"
     assert 0.0 < told["reachable"][0] < 4e-3
     assert list(told["binding"]) == ["1"]
+
+
+def test_lift_of_a_payload_that_may_turn(answer, tmp_path):
+    """Over five level coils and one below: the field points as the payload does, and its gradient carries it."""
+    ring = "".join(
+        f'[[coil]]\nname = "{k}"\nkind = "circular"\ninner_radius_mm = 8\nouter_radius_mm = 12\nheight_mm = 10\n'
+        f"turns = 200\nposition_mm = [{30 * np.cos(k)}, {30 * np.sin(k)}, {10 * (k % 2)}]\n\n"
+        for k in range(6)
+    )
+    text = 'format = 1\nname = "six"\ntitle = "six"\n\n{}[payload]\nmass_g = 1\nmoment_A_m2 = 0.1\n{}\n'
+    path, forces = tmp_path / "six.toml", []
+    for words in ('direction = "down"\nturning = "free"', 'direction = "down"'):
+        path.write_text(text.format(ring, words))
+        found = answer(
+            "currents --at-mm 3 2 -20 --lift --least-field 1e-3"
+            if "free" in words
+            else "currents --at-mm 3 2 -20 --lift",
+            str(path),
+        )
+        forces.append(found["force"])
+        assert found["force"] == pytest.approx([0, 0, 1e-3 * gravity], abs=1e-9)
+        assert found["moment"] == pytest.approx([0, 0, -0.1], abs=1e-9)
+        flux_density = np.array(found["B"])
+        along = -flux_density[2] / np.linalg.norm(flux_density)
+        assert (along == pytest.approx(1.0, abs=1e-9)) == ("free" in words)
+        if "free" in words:
+            assert flux_density[2] <= -1e-3 * (1 - 1e-9)

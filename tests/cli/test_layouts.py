@@ -206,6 +206,7 @@ def test_equilibrium_of_states(printed, golden, monkeypatch):
             force=np.array([0.0011, 0.0022, 0.0981]),
             force_per_ampere=np.array([0.001, 0.002, 0.0335]),
             stiffness=np.diag([1.1, 1.2, -2.3]),
+            held="moment down, fixed",
             field=np.array([0.001, 0.002, 0.0123]),
             volume_error=0.0,
             assumptions=("states of saturating iron",),

@@ -46,7 +46,7 @@ def test_what_rounding_leaves_is_printed_as_zero(capsys):
         force=np.array([-3e-19, 2e-19, 0.032]),
         torque=np.array([4e-19, -1e-19, 0.0]),
     )
-    print_page(force_table(SimpleNamespace(points=(point,))))
+    print_page(force_table(SimpleNamespace(points=(point,), held="moment up, fixed")))
     *_, row = capsys.readouterr().out.splitlines()
     assert [float(number) for number in row.split(") mm")[1].split()] == [0.0, 0.0, 32.0, 0.0, 0.0, 0.0]
 

@@ -90,6 +90,7 @@ def test_a_file_and_its_text_are_the_same(text, tmp_path):
         ('shape = "soft_sphere"', 'shape = "soft_cube"', "payload.piece.1.shape", '"soft_cube"'),
         ("diameter_mm = 4", "diameter_mm = 4\nremanence_T = 1.2", "payload.piece.1.remanence_T", None),
         ("mass_g = 0.3", "mass_g = 0.3\nmoment_A_m2 = 0.1", "payload.moment_A_m2", None),
+        ("mass_g = 0.3", 'mass_g = 0.3\ndirection = "up"', "payload.direction", None),
         (
             'kind = "bh_table"\nfile = "materials/steel_a3.toml"\nbelow = "straight line to the origin"\n'
             'above = "slope mu0"',
@@ -124,6 +125,10 @@ def test_what_is_wrong_in_python_is_told_at_its_attribute():
     ]
     assert problems(fm.Payload(1e-3, pieces=[fm.SoftSphere(1e-3, "iron")])) == [
         'Device "one": payload.pieces[0].shape.material'
+    ]
+    # Pieces have directions of their own.
+    assert problems(fm.Payload(1e-3, pieces=[fm.SoftSphere(1e-3, steel)], direction="down")) == [
+        'Device "one": payload.direction'
     ]
     assert problems(fm.Payload(1e-3, pieces=["bead"])) == ['Device "one": payload.pieces[0]']
     known = {"steel_a3": fm.LinearMaterial("steel_a3", 100.0)}

@@ -8,6 +8,9 @@ import pytest
 
 from fieldmap.device import model, read_device
 from fieldmap.device.placement import rotation_matrix
+from fieldmap.device.reader import recorded_device
+from fieldmap.errors import DeviceFileError
+from fieldmap.lookup import magnetic_body
 
 
 @pytest.fixture
@@ -118,6 +121,40 @@ def test_moment_alone_and_cylindrical_workspace(valid_text, tmp_path):
     assert device.payload.magnet is None
     assert (device.workspace.radius, device.workspace.height) == (0.02, 0.064)
     np.testing.assert_allclose(device.workspace.base, [0, 0, -0.14], rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("written", "direction", "turning", "sign", "held"),
+    [
+        ("", "up", None, 1.0, "moment up, fixed"),
+        ('direction = "up"\nturning = "fixed"', "up", "fixed", 1.0, "moment up, fixed"),
+        ('direction = "down"', "down", None, -1.0, "moment down, fixed"),
+        ('direction = "down"\nturning = "free"', "down", "free", -1.0, "moment down, free to turn"),
+    ],
+)
+def test_which_way_a_moment_points(valid_text, written, direction, turning, sign, held):
+    """In the file, in its text, in the record of a map and in what stands for the magnet."""
+    device = read_device(valid_text.replace("mass_g = 11.19", f"mass_g = 11.19\n{written}"))
+    for payload in (
+        device.payload,
+        read_device(device.to_toml()).payload,
+        recorded_device(device.text).payload,
+    ):
+        assert (payload.direction, payload.turning, payload.held()) == (direction, turning, held)
+        np.testing.assert_array_equal(payload.moment_vector, [0.0, 0.0, sign * payload.moment])
+        for level in (1, 2):
+            body = magnetic_body(payload, level)
+            np.testing.assert_allclose(
+                body.moments.sum(axis=0), payload.moment_vector, rtol=1e-12, atol=1e-15
+            )
+
+
+@pytest.mark.parametrize(("key", "value"), [("direction", "sideways"), ("turning", "upright")])
+def test_a_direction_that_is_none(valid_text, key, value):
+    with pytest.raises(DeviceFileError) as caught:
+        read_device(valid_text.replace("mass_g = 11.19", f'mass_g = 11.19\n{key} = "{value}"'))
+    (problem,) = caught.value.problems
+    assert (problem.where.split()[-1], problem.received) == (f"payload.{key}", f'"{value}"')
 
 
 def test_turns_are_about_fixed_axes_in_the_order_x_y_z():

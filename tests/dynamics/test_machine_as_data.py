@@ -353,5 +353,5 @@ def test_what_stands_for_magnets_and_soft_iron():
     ):
         told = body_of_payload(fm.Payload(0.05, pieces=pieces)).assumptions
         assert [note for note in told if note in words] == words
-    down = body_of_payload(fm.Payload(0.05, magnet=BALL), direction=-1.0)
+    down = body_of_payload(fm.Payload(0.05, magnet=BALL, direction="down"))
     assert down.magnet.moments[0, 2] < 0.0

@@ -1,5 +1,7 @@
 """The motion of a rigid magnet in a field that does not change, against closed forms and an adaptive integrator."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import ellipj
@@ -142,13 +144,16 @@ def test_without_spin_and_control_every_equilibrium_escapes(axial, moment, curva
 def test_a_payload_makes_a_body():
     from fieldmap.device import read_device
 
-    payload = read_device("drive_unit").payload
-    body = body_of_payload(payload, radius=5e-3, height=0.02, centre_of_mass=2e-3, direction=-1.0)
+    payload = replace(read_device("drive_unit").payload, direction="down")
+    body = body_of_payload(payload, radius=5e-3, height=0.02, centre_of_mass=2e-3)
     m = payload.mass
     np.testing.assert_allclose(body.inertia, [m * (25e-6 / 4 + 4e-4 / 12)] * 2 + [m * 25e-6 / 2], rtol=1e-12)
     np.testing.assert_allclose(body.magnet_at, [0, 0, -2e-3])
     np.testing.assert_allclose(body.seen_at, [0, 0, 13e-3])
     assert body.magnet.moments[0, 2] == -payload.moment
+    assert not body.upright
+    assert "moment down, free to turn" in body.assumptions
+    assert body_of_payload(replace(payload, turning="fixed")).upright
     np.testing.assert_allclose(np.unique(body.skin[:, 2].round(9)), [-7e-3, 13e-3])
     assert any("inertia" in words and "10 x 20 mm" in words for words in body.assumptions)
 

@@ -100,6 +100,5 @@ def test_inertia_and_surface_of_a_bead(five):
     body = body_of_payload(device.payload)
     np.testing.assert_allclose(body.inertia, 0.1 * 0.263e-3 * 4e-3**2)
     np.testing.assert_allclose(np.linalg.norm(body.skin, axis=1), 2e-3)
-    mirrored = body_of_payload(device.payload, direction=-1.0)
-    assert mirrored.magnet.soft == body.magnet.soft or len(mirrored.magnet.soft) == 1
+    assert "moment induced, free to turn" in body.assumptions
     assert replace(body, upright=True).numbers().inertia.min() > 1.0

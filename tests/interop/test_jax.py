@@ -1,6 +1,7 @@
 """Maps in JAX: the numbers of the map and of its derivatives, under jit, vmap and grad."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from fieldmap.errors import InputError
 from fieldmap.interop import JaxEvaluator, jax_field
 from fieldmap.lookup import interpolate, iron_weights
+from fieldmap.store import StoredReaction
 from tests.docs.pages import blocks
 from tests.dynamics.conftest import saturating_map
 
@@ -60,6 +62,18 @@ def test_jacfwd_of_the_field_is_the_gradient(opened):
     assert off(np.moveaxis(per_ampere, 2, 1), opened.unit_field(points)) < 1e-12
     second = jax.vmap(jax.jacfwd(field.gradient), (0, None))(points, CURRENTS)
     assert off(second, opened.second_gradient(points, CURRENTS)) < 1e-12
+
+
+@pytest.mark.parametrize("kind", ["harmonic", "global"])
+def test_the_reaction_of_the_iron(ring, kind):
+    """Fields of the coils in the place of those of a reaction, one of them negative."""
+    stored = StoredReaction(ring.data.flux_density[:3], ring.data.gradient[:3], repelled=1)
+    m = interpolate(replace(ring.data, reaction=stored), kind, "nan")
+    points, moments = inside(m, 40), np.random.default_rng(2).normal(size=(40, 3))
+    exact = m.wrench(points, moments, CURRENTS)
+    assert off(jax.jit(jax_field(m).wrench)(points, moments, CURRENTS), exact) < 1e-12
+    assert off(jax_field(m.at(CURRENTS)).wrench(points[0], moments[0]), exact[0]) < 1e-12
+    assert off(jax_field(interpolate(ring.data, kind)).wrench(points, moments, CURRENTS), exact) > 1e-3
 
 
 @pytest.mark.parametrize("same", [True, False])

@@ -95,6 +95,8 @@ class Body(MagneticBody):
 
     assumptions = ("a body",)
 
+    moments = np.array([[0.0, 0.0, -0.3], [0.0, 0.0, 0.1]])
+
     def __init__(self):
         pass
 
@@ -108,6 +110,7 @@ class Body(MagneticBody):
 def test_points_with_the_load_on_a_body(polynomial):
     points = np.array([[0.001, 0.002, -0.05], [0.003, 0.004, -0.03]])
     answer = probe(polynomial.source(), points, CURRENTS, Body())
+    assert answer.held == "moment down, fixed"
     for point, found in zip(points, answer.points, strict=True):
         np.testing.assert_allclose(found.force, 0.2 * point, rtol=1e-15)
         np.testing.assert_allclose(found.torque, 2.0 * point, rtol=1e-15)
@@ -204,7 +207,7 @@ def test_a_search_begins_where_it_is_told_to(polynomial, monkeypatch):
         np.testing.assert_array_equal(place, start)
         assert answer.assumptions == ("of the search", "a polynomial")
     floating(source, polynomial.payload, CURRENTS)
-    assert asked.pop()[3:] == (None, "fixed")
+    assert asked.pop()[3:] == (None, None)
 
 
 def test_a_current_is_searched_from_the_reference_of_a_map_that_saturates(polynomial, monkeypatch):

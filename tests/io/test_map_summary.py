@@ -218,6 +218,7 @@ def test_the_summary_as_plain_python(polynomial, domain, told):
         "lift_missing": "scipy",
         "lift_assumptions": [],
         "saturation": "",
+        "reaction": None,
     }
 
 

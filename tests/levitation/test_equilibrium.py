@@ -1,4 +1,5 @@
 import re
+from dataclasses import replace
 from functools import partial
 from itertools import product
 from types import SimpleNamespace
@@ -43,12 +44,34 @@ def test_a_gradient_that_falls_upward_is_stable_along_z_only(axisymmetric):
     np.testing.assert_allclose(np.abs(found.directions[:, 2]), [0, 0, 1], atol=1e-9)
 
 
-def test_reversed_currents_turn_the_magnet_around(axisymmetric):
-    source = axisymmetric((0.02, 0.03, 0.6, 0.0))
-    up, down = (find_equilibrium(source, [current], PAYLOAD) for current in (1.5, -1.5))
+def test_reversed_currents_hold_a_magnet_that_points_the_other_way(axisymmetric):
+    """No magnet is turned: currents that push it down are refused, with the key that says which way it points."""
+    source, below = axisymmetric((0.02, 0.03, 0.08, 0.0)), replace(PAYLOAD, direction="down")
+    up, down = find_equilibrium(source, [1.5], PAYLOAD), find_equilibrium(source, [-1.5], below)
     np.testing.assert_allclose(down.position, up.position, atol=1e-12)
+    np.testing.assert_allclose(up.moment, [0, 0, PAYLOAD.moment])
     np.testing.assert_allclose(down.moment, -up.moment)
+    assert (up.held, down.held) == ("moment up, fixed", "moment down, fixed")
     assert up.angle_to_field == pytest.approx(0.0, abs=1e-5)
+    for current, payload in ((-1.5, PAYLOAD), (1.5, below)):
+        with refused(NoEquilibrium, remedy="payload.direction"):
+            find_equilibrium(source, [current], payload)
+
+
+def test_a_payload_that_may_turn_follows_the_field(axisymmetric):
+    """As moment="aligned" of any other; where the field points against what it states, the result says so."""
+    source, free = axisymmetric((0.02, 0.03, 0.6, 0.0)), replace(PAYLOAD, turning="free")
+    found = find_equilibrium(source, [1.5], free)
+    asked = find_equilibrium(source, [1.5], PAYLOAD, moment="aligned")
+    np.testing.assert_allclose(found.position, asked.position, atol=1e-12)
+    assert found.held == asked.held == "moment up, free to turn"
+    assert not any("turned over" in words for words in found.assumptions)
+    over = find_equilibrium(source, [-1.5], free)
+    np.testing.assert_allclose(over.moment, -found.moment, atol=1e-12)
+    assert over.held == "moment down, free to turn"
+    assert any("turned over" in words for words in over.assumptions)
+    held = find_equilibrium(source, [1.5], replace(PAYLOAD, turning="fixed"))
+    np.testing.assert_array_equal(held.position, find_equilibrium(source, [1.5], PAYLOAD).position)
 
 
 def test_of_two_equilibria_the_one_near_the_start_is_taken(axisymmetric):

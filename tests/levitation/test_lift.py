@@ -1,12 +1,14 @@
 """The current that carries the weight, against closed forms of fields and of the way they follow the current."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.constants import mu_0
 
-from fieldmap.device.model import MagnetCylinder, Payload
+from fieldmap.device.model import MagnetCylinder, Payload, PayloadPiece, Placement
+from fieldmap.device.placement import rotation_matrix
 from fieldmap.errors import Infeasible, InputError, NotConverged, OutsideMapError, Problem
 from fieldmap.field import Field, as_field
 from fieldmap.levitation import find_equilibrium, lift_current
@@ -26,6 +28,8 @@ COEFFICIENTS = (0.02, 0.03, 0.6, 0.0)
 POINT = [0.0, 0.0, 0.02]
 PER_AMPERE = 0.813 * (2 * 0.03 + 6 * 0.6 * 0.02)  # N/A: D (2 c2 + 6 c3 z)
 SHAPE = MagnetCylinder(0.01, 0.012, 0.813 * mu_0 / (0.25 * np.pi * 0.01**2 * 0.012))
+OVER = Placement((0.0, 0.0, 0.0), rotation_matrix((180.0, 0.0, 0.0)))
+DOWN = Payload(mass=0.01119, pieces=[PayloadPiece(SHAPE, OVER)])
 NEEDED = WEIGHT / PER_AMPERE  # what an unsaturated field needs, A
 
 
@@ -102,8 +106,8 @@ def knee(slope):
         (lambda i: i, NEEDED),
         (knee(0.1), 0.6 * NEEDED + 0.4 * NEEDED / 0.1),
         (lambda i: 2 * NEEDED * np.tanh(i), np.arctanh(0.5)),
-        # A field that pulls the other way: the moment is turned.
-        (lambda i: -2 * NEEDED * np.tanh(i), np.arctanh(0.5)),
+        # A field that pulls the other way takes a negative current.
+        (lambda i: -2 * NEEDED * np.tanh(i), -np.arctanh(0.5)),
         (lambda i: NEEDED * i**3, 1.0),
         (lambda i: i - 0.3 * NEEDED, 1.3 * NEEDED),
     ],
@@ -124,8 +128,7 @@ def test_the_inverse_of_the_law(axisymmetric, law, expected, first):
     assert lift.force_per_ampere[2] == pytest.approx(
         (newtons - history[k, 1]) / (i - history[k, 0]), rel=1e-9
     )
-    way = np.sign(law(first))
-    np.testing.assert_allclose(lift.history, [(i, way * PER_AMPERE * law(i)) for i in field.states])
+    np.testing.assert_allclose(lift.history, [(i, PER_AMPERE * law(i)) for i in field.states])
     np.testing.assert_allclose(told, [(i, newtons / WEIGHT) for i, newtons in lift.history])
 
 
@@ -133,11 +136,16 @@ def test_the_inverse_of_the_law(axisymmetric, law, expected, first):
 @pytest.mark.parametrize(
     "payload", [PAYLOAD, Payload(mass=0.01119, pieces=[SHAPE])], ids=["moment", "pieces"]
 )
-def test_the_magnet_is_turned_as_the_shares_ask(axisymmetric, payload, share):
-    """Of a coil that is wound the other way the field is turned, and the magnet with it."""
+def test_the_current_takes_the_sign_that_lifts(axisymmetric, payload, share):
+    """The magnet keeps its direction, whichever way the coil is wound; one that points down needs the other sign."""
     field = Law(axisymmetric(COEFFICIENTS), lambda i: 2 * NEEDED * np.tanh(i))
     lift = lift_current(field, payload, POINT, [share], 0.5, 1e-6)
-    assert lift.currents == pytest.approx([np.sign(share) * np.arctanh(0.5)], rel=1e-4)
+    assert lift.currents == pytest.approx([np.arctanh(0.5)], rel=1e-4)
+    assert (lift.held, np.sign(lift.current)) == ("moment up, fixed", np.sign(share))
+    turned = replace(payload, direction="down") if payload is PAYLOAD else DOWN
+    other = lift_current(field, turned, POINT, [share], 0.5, 1e-6)
+    assert other.currents == pytest.approx([-np.arctanh(0.5)], rel=1e-4)
+    assert other.held == "moment down, fixed"
     assert lift.force[2] == pytest.approx(WEIGHT, rel=1e-5)
 
 

@@ -1,5 +1,7 @@
 """Equilibria over both signals, where the magnet comes to rest at the centroid of the currents."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -85,7 +87,8 @@ def test_any_number_of_coils_pushes_with_least_power(places):
     lift = 0.8 * len(places) * 1.5 * (0.1 - 0.04)
     assert found.field_scale == pytest.approx(0.011 * 9.80665 / lift)
     # Coils that pull down a magnet that points up hold one that points down, and push it the same way.
-    turned = equilibrium_surface(wells(places, -1.0), PAYLOAD, SIGNALS, SIGNALS, 1.5, -0.01)
+    below = replace(PAYLOAD, direction="down")
+    turned = equilibrium_surface(wells(places, -1.0), below, SIGNALS, SIGNALS, 1.5, -0.01)
     np.testing.assert_allclose(turned.positions, found.positions, atol=1e-8)
     assert not any("n = " in words or "does nothing" in words for words in found.assumptions)
 

@@ -16,10 +16,11 @@ from fieldmap.lookup.current_model import CurrentSearch
 from fieldmap.lookup.demand import Demand, demand_of
 from fieldmap.lookup.inverse import best_of, least_power_currents, starts_on_soft_iron
 from fieldmap.lookup.inverse_problem import SolvedField, SumOfFields, Variables
-from fieldmap.lookup.inverse_search import Search, linear_currents
+from fieldmap.lookup.inverse_search import MOST_EVALUATIONS, Search, linear_currents
 from fieldmap.store import Grid, MapData
 from tests.dynamics.conftest import saturating_map
 from tests.iron.test_differential_inductance import device as core_beside_magnet
+from tests.lookup.test_currents_for import loops
 
 NAMES = tuple("abcde")
 MIX = np.array([[0.5, 0.2, 0.0, 0.1, 0.3], [0.0, 0.4, 0.5, 0.2, -0.1]])
@@ -146,7 +147,9 @@ def goal(wanted, limit, about):
     coils = len(limit)
     demand = SimpleNamespace(names=("B",), values=np.array([wanted]), text=str)
     variables = Variables(tuple("ab")[:coils], -np.array(limit), np.array(limit), np.ones(coils))
-    return SimpleNamespace(demand=demand, variables=variables, about=about, evaluations=0)
+    return SimpleNamespace(
+        demand=demand, variables=variables, about=about, evaluations=0, undirected=lambda: 0.0
+    )
 
 
 def linear(matrix, constant, wanted, low, high):
@@ -157,7 +160,11 @@ def linear(matrix, constant, wanted, low, high):
         tuple("abc")[:coils], np.array(low, float), np.array(high, float), np.array([1.0, 4.0, 9.0])[:coils]
     )
     return SimpleNamespace(
-        demand=demand, variables=variables, about=lambda i: (matrix @ i + constant, matrix), evaluations=0
+        demand=demand,
+        variables=variables,
+        about=lambda i: (matrix @ i + constant, matrix),
+        evaluations=0,
+        undirected=lambda: 0.0,
     )
 
 
@@ -258,19 +265,19 @@ def test_where_a_search_is_stuck_the_limits_that_it_has_reached_are_told(low, hi
 
 
 def test_a_search_ends_with_the_evaluations_of_its_call():
-    """After a thousand of them it has what it began with, or what is nearly met by the least change."""
+    """After all of them it has what it began with, or what is nearly met by the least change."""
     goal = linear([[1.0, 2.0]], [0.0], [3.0], [-9, -9], [9, 9])
-    goal.evaluations = 999
+    goal.evaluations = MOST_EVALUATIONS - 1
     assert search_of(goal, [0.0, 0.0]).run() == pytest.approx([1.5, 0.75])
-    goal.evaluations = 1000
+    goal.evaluations = MOST_EVALUATIONS
     # By i / 1 = j * 4 / 2 of least power, not from where it begins.
     assert search_of(goal, [1.0, 0.9]).run() == pytest.approx([1.1, 0.95])
     flat = linear([[0.0, 0.0]], [0.0], [3.0], [-9, -9], [9, 9])
-    flat.evaluations = 1000
+    flat.evaluations = MOST_EVALUATIONS
     search = search_of(flat, [0.0, 0.0])
     with pytest.raises(NotConverged) as caught:
         search.run()
-    assert "100 steps and 1000 evaluations" in caught.value.problems[0].must_hold
+    assert f"100 steps and {MOST_EVALUATIONS} evaluations" in caught.value.problems[0].must_hold
     assert caught.value.problems[0].received == "1.0e+00 of the demand left"
     assert search.left_by(caught.value) == np.inf
     assert search.left_by(Infeasible(Problem("", "", "", ""), reachable=np.array([-1.0]))) == 4.0
@@ -338,7 +345,7 @@ def test_of_several_searches_the_one_of_least_power_counts():
     found = best_of([ended(1.0, 1.0), ended(1.0, -0.5), failed(0.9), ended(-1.0, 1.0)])
     np.testing.assert_array_equal(found, [1.0, -0.5])
     # With the evaluations of a call used up the first search is the last, whether it fails or not.
-    for evaluations, best in ((999, 0.1), (1000, 1.0)):
+    for evaluations, best in ((MOST_EVALUATIONS - 1, 0.1), (MOST_EVALUATIONS, 1.0)):
         fresh.evaluations = evaluations
         np.testing.assert_array_equal(best_of([ended(1.0, 1.0), ended(0.1, 0.1)]), [best, best])
     with pytest.raises(Infeasible):
@@ -347,6 +354,66 @@ def test_of_several_searches_the_one_of_least_power_counts():
     with pytest.raises(Infeasible) as caught:
         best_of([failed(0.2), failed(0.9), failed(0.5)])
     assert caught.value.reachable == 0.9
+
+
+def test_searches_end_where_some_in_a_row_bring_nothing_better():
+    """After two that find no less power, or eight that find nothing; each that finds less begins the count anew."""
+    begun = []
+
+    def ends(*powers):
+        """Searches that end at these powers, None for one that fails; each is made when its turn comes."""
+        variables = Variables(("a",), -np.ones(1), np.ones(1), np.ones(1))
+        for power in powers:
+            begun.append(power)
+
+            def run(power=power):
+                if power is None:
+                    raise Infeasible(Problem("currents_for", "", "", ""))
+                return np.array([np.sqrt(power)])
+
+            counted = SimpleNamespace(evaluations=0)
+            yield SimpleNamespace(run=run, left_by=lambda _: 1.0, variables=variables, goal=counted)
+
+    for powers, best, count in (
+        ((4.0, 4.0, 4.0, 1.0), 4.0, 3),
+        ((4.0, None, 4.0, 1.0), 4.0, 3),
+        ((4.0, 4.0, 3.0, 3.0, 2.0, None, None, 1.0), 2.0, 7),
+        ((4.0, 3.9999, 3.9998, 1.0), 3.9998, 3),
+        ((*[None] * 7, 4.0, 4.0, 4.0, 1.0), 4.0, 10),
+    ):
+        begun.clear()
+        np.testing.assert_allclose(best_of(ends(*powers)) ** 2, [best], rtol=1e-12)
+        assert len(begun) == count
+    begun.clear()
+    with pytest.raises(Infeasible):
+        best_of(ends(*[None] * 8, 4.0))
+    assert len(begun) == 8
+
+
+def test_a_search_that_creeps_at_its_limits_gives_up(monkeypatch):
+    """Of forces on a bead beyond the limits of eight coils: no search makes eleven steps that change little."""
+    field, rng, paths = loops(), np.random.default_rng(1), []
+    aim = Search._aim
+
+    def noted(self, values, off):
+        if not paths or paths[-1][0] is not self:
+            paths.append((self, []))
+        paths[-1][1].append(off)
+        return aim(self, values, off)
+
+    monkeypatch.setattr(Search, "_aim", noted)
+    bead, middle = magnetic_body(SoftSphere(3e-3, mu_r=1000.0)), 0.5 * (field.lower + field.upper)
+    for _ in range(4):
+        force = field.wrench(middle, bead, rng.uniform(-5.0, 5.0, 8))[:3]
+        with pytest.raises((Infeasible, NotConverged)):
+            field.currents_for(middle, 10.0 * force[[1, 2, 0]], bead, 6.0)
+    still = 0
+    for _, left in paths:
+        for k in range(len(left) - 9):
+            stretch = left[k : k + 11]
+            assert min(stretch) <= max(1e-2, 0.9 * max(stretch)) or len(stretch) < 11
+        still += len(left) >= 9 and min(left[-9:]) > 0.9 * max(left[-9:])
+    assert still
 
 
 QUADRATIC = np.array(

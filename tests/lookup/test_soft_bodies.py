@@ -371,7 +371,7 @@ def test_the_work_of_a_search_has_a_bound(opened, monkeypatch, at, force, limits
     else:
         with pytest.raises((Infeasible, NotConverged)):
             opened.currents_for(at, wanted, bead, limits)
-    assert 900 < asked < 1100
+    assert 250 < asked < 550
 
 
 def test_currents_for_more_than_limits_allow(opened):

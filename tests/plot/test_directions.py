@@ -1,5 +1,6 @@
 """Every arrow of every picture points where it should: vectors of three different components, against literals."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -97,10 +98,11 @@ def test_directions_of_the_flux_density(scene):
     np.testing.assert_allclose(found, np.tile(along(FLUX), (len(found), 1)), atol=1e-5)
 
 
-def test_magnetic_force(scene):
-    add_forces(scene, shown(), "")
+@pytest.mark.parametrize(("direction", "sign"), [("up", 1.0), ("down", -1.0)])
+def test_magnetic_force(scene, direction, sign):
+    add_forces(scene, replace(shown(), payload=replace(PAYLOAD, direction=direction)), "")
     found = along(arrows_in(scene))
-    np.testing.assert_allclose(found, np.tile(along(FORCE), (len(found), 1)), atol=1e-5)
+    np.testing.assert_allclose(found, np.tile(sign * along(FORCE), (len(found), 1)), atol=1e-5)
 
 
 def test_net_force_about_the_equilibrium(scene):
@@ -124,14 +126,15 @@ def test_net_force_in_a_slice(normal, across):
     np.testing.assert_allclose(quiver.V, NET[across[1]], rtol=1e-9)
 
 
-def test_moment_of_the_payload(scene):
-    """Upward, from the top of the magnet, 10 mm high."""
-    add_payload(scene, PAYLOAD, np.array([1.0, 2.0, -30.0]))
+@pytest.mark.parametrize(("direction", "sign"), [("up", 1.0), ("down", -1.0)])
+def test_moment_of_the_payload(scene, direction, sign):
+    """From the face of the magnet towards which it points; the magnet is 10 mm high."""
+    add_payload(scene, replace(PAYLOAD, direction=direction), np.array([1.0, 2.0, -30.0]))
     arrow = meshes(scene)[-1]
-    np.testing.assert_allclose(arrow.bounds[4:], [-25.0, -15.0], atol=1e-4)
-    # The cone is the widest part, and lies above the shaft.
+    np.testing.assert_allclose(np.sort(sign * (np.array(arrow.bounds[4:]) + 30.0)), [5.0, 15.0], atol=1e-4)
+    # The cone is the widest part, and lies beyond the shaft.
     away = np.hypot(arrow.points[:, 0] - 1.0, arrow.points[:, 1] - 2.0)
-    assert arrow.points[np.argmax(away), 2] > -19.0
+    assert sign * (arrow.points[np.argmax(away), 2] + 30.0) > 11.0
 
 
 def test_what_each_coil_makes(scene):

@@ -1,5 +1,6 @@
 """A map behind sliders: what follows a moved slider is what the map itself answers, and closed forms say."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -190,6 +191,7 @@ def aside(harmonic_map):
     [
         # Slope of the reference currents, 2 A and 3 A, at 60 % of the height, z = -26 mm.
         (((0.09, 1.0), (0.07, 0.5)), None, 2 * 0.064 + 3 * 0.057, 0.0),
+        # Coils that pull it down at the reference currents carry it at currents of the other sign.
         (((-0.09, -1.0), (-0.07, -0.5)), None, -2 * 0.064 - 3 * 0.057, 0.0),
         (((0.09, 1.0), (0.07, 0.5)), (0.02, 0.1), 2 * 0.064 + 3 * 0.057, 0.0174),
         (((-0.09, -1.0), (-0.07, -0.5)), (0.02, 0.1), -2 * 0.064 - 3 * 0.057, 0.0174),
@@ -200,8 +202,7 @@ def aside(harmonic_map):
 )
 @pytest.mark.parametrize("scale", [1.0, 1.25])
 def test_where_sliders_begin(harmonic_map, coils, constant, slope, off, scale):
-    """The currents that carry the magnet at 60 % of the height, upright or upside down, are a multiple of the
-    reference."""
+    """The currents that carry the magnet at 60 % of the height are a multiple of the reference."""
     made = {name: (0.0, *bc, MIDDLE) for name, bc in zip(("left", "right"), coils, strict=True)}
     fixed = None if constant is None else (0.0, *constant, MIDDLE)
     field_map = harmonic_map(lower=LOWER, reference=[2.0, 3.0], constant=fixed, **made)
@@ -215,7 +216,7 @@ def test_where_sliders_begin(harmonic_map, coils, constant, slope, off, scale):
     )
     assert height.value == pytest.approx(-26.0)
     wanted = WEIGHT / (0.8 * scale)
-    share = (np.copysign(wanted, slope + off) - off) / slope if slope else 1.0
+    share = (wanted - off) / slope if slope else 1.0
     assert [control.value for control in amperes] == pytest.approx([2.0 * share, 3.0 * share])
     if slope:
         assert live.answer.lift == pytest.approx(1.0)
@@ -238,19 +239,22 @@ def test_answers_in_words_and_numbers(aside):
     assert answer.lift == pytest.approx(0.8 * (b - 0.03 * c) / WEIGHT)
     words = live.words
     assert words["currents"] == "currents, A: left: 1.200, right: 0.600"
-    assert words["force"] == "force at (10.0, -10.0, -30.0) mm: (0.00, 0.00, 84.00) mN"
+    assert words["force"] == "moment up, fixed, force at (10.0, -10.0, -30.0) mm: (0.00, 0.00, 84.00) mN"
     assert words["lift"] == f"lift {100 * answer.lift:.1f} % of the weight"
     assert words["equilibrium"] == f"floats at (10.00, -10.00, {1e3 * height:.2f}) mm, stable along x, y"
     np.testing.assert_allclose(
         answer.flux_density, harmonic([0.0, 0.0, -0.02], 0.0, b, c)[0][None], atol=1e-12
     )
-    # Upside down: the other way round, lifted as well.
+    # Currents the other way round push it down, and lift one whose moment points down.
     turned = live.move([-1.2, -0.6, -30.0])
-    assert (turned.lift, turned.force[2]) == (pytest.approx(answer.lift), pytest.approx(answer.force[2]))
-    # Too little in either sense: the force is shown upwards.
+    assert (turned.lift, turned.equilibrium) == (pytest.approx(-answer.lift), None)
+    below = LiveMap(aside, replace(PAYLOAD, direction="down"), [[*MIDDLE, -0.02]], current_limit=5.0)
+    down = below.move([-1.2, -0.6, -30.0])
+    assert (down.lift, down.held) == (pytest.approx(answer.lift), "moment down, fixed")
+    np.testing.assert_allclose(down.equilibrium.position, [*MIDDLE, height], atol=1e-7)
     for sense in (1.0, -1.0):
         weak = live.move([0.12 * sense, 0.06 * sense, -30.0])
-        assert (weak.equilibrium, weak.lift) == (None, pytest.approx(0.1 * answer.lift))
+        assert (weak.equilibrium, weak.lift) == (None, pytest.approx(0.1 * sense * answer.lift))
         assert weak.words.startswith("no equilibrium in the box: ")
         assert ";" not in weak.words
     # From there on without the last place.

@@ -15,8 +15,8 @@ from fieldmap.device.model import (
     Ring,
     Sphere,
 )
+from fieldmap.levitation.balance import upright_force
 from fieldmap.plot.device_drawing import add_payload
-from fieldmap.plot.forces import magnetic_force
 from fieldmap.plot.solids import (
     body_surface,
     current_arrow,
@@ -211,7 +211,7 @@ def test_surfaces_of_pieces():
 def test_arrows_are_the_force_on_the_pieces():
     """In B = B0 + G x of 0.1 T and 1 T/m."""
     sphere, field = fm.Payload(1e-3, pieces=[fm.SoftSphere(4e-3, mu_r=1e8)]), Harmonic(0.1, 1.0, 0.0)
-    force = magnetic_force(field, [1.0], sphere, np.zeros((1, 3)))
+    force = upright_force(field, [1.0], sphere, np.zeros((1, 3)))
     exact = np.pi * 4e-3**3 / 2 / (4e-7 * np.pi) * 0.1
     np.testing.assert_allclose(force, [[0.0, 0.0, exact]], rtol=1e-6, atol=1e-15)
-    assert magnetic_force(field, [1.0], sphere, np.zeros((2, 3))).shape == (2, 3)
+    assert upright_force(field, [1.0], sphere, np.zeros((2, 3))).shape == (2, 3)

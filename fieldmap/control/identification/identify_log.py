@@ -56,7 +56,8 @@ class IdentifiedLog(Record):
         poles, errors = self.estimate.poles, self.estimate.pole_errors
         moving = np.abs(poles) > 1e-12
         q = poles[moving].astype(complex)
-        return np.log(q) / self.estimate.Ts, errors[moving] / (np.abs(q) * self.estimate.Ts)
+        in_s = np.asarray(np.log(q) / self.estimate.Ts, np.complex128)
+        return in_s, errors[moving] / (np.abs(q) * self.estimate.Ts)
 
     @property
     def coefficients(self) -> list[tuple[str, float, float]]:

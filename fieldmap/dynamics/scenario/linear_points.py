@@ -169,7 +169,7 @@ def loop_poles(point: LinearPoint) -> NDArray[np.complex128]:
     """
     poles = point.loop.poles
     there = poles[np.abs(poles) > 1e-6]
-    found = np.log(there.astype(complex)) / point.loop.period
+    found = np.asarray(np.log(there.astype(complex)) / point.loop.period, np.complex128)
     return found[np.argsort(-found.real)]
 
 

@@ -96,8 +96,13 @@ class BodySettings(Record):
     """The body around the device's magnet."""
 
     turning: Annotated[
-        Literal["free", "upright"], Key(..., "free: six degrees of freedom; upright: it does not turn")
-    ] = "free"
+        Literal["free", "upright"] | None,
+        Key(
+            ...,
+            "free: six degrees of freedom; upright: it does not turn; unless given, as the device's payload.turning "
+            "says, otherwise free",
+        ),
+    ] = None
     radius: Annotated[
         Positive | None, Key(..., "radius of the cylinder; the magnet's unless given", "mm")
     ] = None
@@ -130,7 +135,8 @@ class BodySettings(Record):
             unit = opened.at(np.ones(len(opened.coil_names)))
             magnet = magnetic_body(payload, field=unit, tolerance=1e-4)
         sizes = {name: getattr(self, name) for name in ("radius", "height", "below", "centre_of_mass")}
-        return body_of_payload(payload, magnet=magnet, upright=self.turning == "upright", **sizes)
+        upright = None if self.turning is None else self.turning == "upright"
+        return body_of_payload(payload, magnet=magnet, upright=upright, **sizes)
 
 
 @dataclass(frozen=True, repr=False)

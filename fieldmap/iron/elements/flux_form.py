@@ -229,11 +229,16 @@ class FluxForm(ConvexForm):
         super().__init__(iron, FluxElements.from_mesh(nodal, iron.topology))
 
     def _linear_system(
-        self, stiffness: csr_matrix, material: Magnetisation, right: Array, tolerance: float
+        self,
+        stiffness: csr_matrix,
+        material: Magnetisation,
+        right: Array,
+        tolerance: float,
+        rough: bool = False,
     ) -> tuple[Array, list[Array]]:
         slope = material.tables.coefficients[material.tables.offset[material.law], 2]
         if slope.min() >= 1:
-            return super()._linear_system(stiffness, material, right, tolerance)
+            return super()._linear_system(stiffness, material, right, tolerance, rough)
         faces, unknowns = self.iron.topology, np.zeros(self.elements.count, np.int64)
         unknowns[self.elements.unknowns] = faces.group_of_tet[:, None]
         below = slope[faces.owner[faces.surface, 0]]

@@ -174,13 +174,16 @@ class ConvexForm:
         self._capacity = mass * (capacity / mass.sum())
         self._apart = SeparatedFaces.of(iron.mesh) if iron.mesh.drawn_sheets else None
 
-    def solve_linear(self, material: Magnetisation, field: Any, tolerance: float) -> PotentialState:
-        """All sources at once, for laws that are straight lines. Raises NotConverged."""
+    def solve_linear(
+        self, material: Magnetisation, field: Any, tolerance: float, rough: bool = False
+    ) -> PotentialState:
+        """All sources at once, for laws that are straight lines. rough: the air to three digits, symmetric all the
+        same. Raises NotConverged."""
         zero = np.zeros(self.elements.count)
         stiffness = self.tangent(zero, field, material)
         sources = range(len(material.remanence))
         right = np.column_stack([self._residual(zero, field, c, material) for c in sources])
-        potential, history = self._linear_system(stiffness, material, right, tolerance)
+        potential, history = self._linear_system(stiffness, material, right, tolerance, rough)
         residuals = require_convergence(type(self).__name__, history, tolerance)
         return self._state(potential, field, material, residuals)
 
@@ -229,11 +232,17 @@ class ConvexForm:
         raise AssertionError("unreachable")
 
     def _linear_system(
-        self, stiffness: csr_matrix, material: Magnetisation, right: Array, tolerance: float
+        self,
+        stiffness: csr_matrix,
+        material: Magnetisation,
+        right: Array,
+        tolerance: float,
+        rough: bool = False,
     ) -> tuple[Array, list[Array]]:
-        """Solve (stiffness + S) x = right (n, c); the residuals (c,) of all steps."""
+        """Solve (stiffness + S) x = right (n, c); the residuals (c,) of all steps. rough: S to three digits."""
         factor = self._factor(self._sums.entries_of(stiffness))
-        air = self.exterior.apply if tolerance < _ROUGH else self.exterior.apply_roughly
+        exact = tolerance < _ROUGH and not rough
+        air = self.exterior.apply if exact else self.exterior.apply_roughly
 
         def operator(x: Array) -> Array:
             return factor.solve(stiffness @ x + air(x))

@@ -18,7 +18,7 @@ from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.materials import BodyProperties, background_notes, body_properties
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import AssembledIron, assemble
-from fieldmap.iron.reaction import ReactionFields, Solve, reaction_fields
+from fieldmap.iron.reaction import TOLERANCE, ReactionFields, Solve, reaction_fields
 from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
 from fieldmap.iron.sensitivity.adjoint import Origin
 from fieldmap.iron.solution import LinearSolution
@@ -149,8 +149,7 @@ def solve_linear_and_reaction(
     reaction = None
     if box is not None:
         stages.next("reaction of the iron to magnets in the workspace", 0.9)
-        accuracy = tolerance * _RESIDUAL_PER_TOLERANCE
-        reaction = reaction_fields(_magnetised(problem, properties, accuracy), iron.surface, box)
+        reaction = reaction_fields(_magnetised(problem, properties, TOLERANCE), iron.surface, box)
     stages.done()
     return solution, reaction
 
@@ -162,7 +161,7 @@ def _magnetised(problem: ConvexForm, properties: BodyProperties, tolerance: floa
 
     def solve(field: FieldOfPoints, count: int) -> Array:
         material = Magnetisation(body, laws, np.zeros((count, len(body), 3)))
-        return problem.solve_linear(material, elements.coil_field(field), tolerance).iron.density
+        return problem.solve_linear(material, elements.coil_field(field), tolerance, rough=True).iron.density
 
     return solve
 

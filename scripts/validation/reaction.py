@@ -1,0 +1,166 @@
+"""The iron's reaction to magnets against images, closed series, and the magnet meshed with the iron."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+import fieldmap as fm
+from fieldmap.constants import MU0
+from fieldmap.iron.reaction import ReactionFields
+from fieldmap.iron.solvers.linear import solve_linear_and_reaction
+from fieldmap.lookup import magnetic_body
+from validation.row import Array, Row, timed
+
+FLUX_DENSITY, FORCE, STIFFNESS = 5e-3, 5e-3, 5e-3
+"""Allowed errors of A, of force and stiffness of a dipole, as shares of the exact ones."""
+PULL, THIRD_LAW, RECIPROCITY = 1e-2, 1e-3, 1e-6
+PERMEABILITIES = (2.0, 10.0, 10_000.0)
+# Orders of the closed series.
+_ORDERS = np.arange(1, 300)[:, None]
+_SCALE = MU0 / (4 * np.pi)
+
+
+def reaction() -> Iterator[Row]:
+    """A dipole over a plate, beside a ball, in a shell; a levitator at ten places."""
+    for mu_r in PERMEABILITIES:
+        yield from _closed("plate", _plate(mu_r), _over_a_plate(mu_r), np.array([0.015, 0.017, 0.02]), mu_r)
+        yield from _closed("ball", _ball(mu_r), _beside_a_ball(mu_r), np.array([0.035, 0.038, 0.044]), mu_r)
+        yield from _closed("shell", _shell(mu_r), _in_a_shell(mu_r), np.array([0.006, 0.008, 0.0095]), mu_r)
+    yield from _levitator()
+
+
+Exact = Callable[[Array], Array]
+"""Of distances (n,), m: A along the axis, T/(A m^2), its first and second derivative by the distance; the same across
+the axis: (6, n)."""
+
+
+def _closed(case: str, device: fm.Device, exact: Exact, distances: Array, mu_r: float) -> Iterator[Row]:
+    """Along the z axis at z = distance; force and stiffness from A by F = dA/dz / 2."""
+    (_, found), seconds, cpu = timed(lambda: solve_linear_and_reaction(device, box=device.bounds))
+    assert found is not None
+    points = np.column_stack([0.0 * distances, 0.0 * distances, distances])
+    b, g = found.fields(points)
+    second = found.second_gradient(points)
+    along, first, bend = exact(distances).reshape(2, 3, -1).swapaxes(0, 1)
+    ours = np.zeros((3, 2, len(distances)))
+    for k, axis in enumerate((2, 0)):
+        m, dm, ddm = b[:, :, axis], g[:, :, axis, 2], second[:, :, axis, 2, 2]
+        ours[:, k] = [found.signs @ (m * m), found.signs @ (m * dm), found.signs @ (dm * dm + m * ddm)]
+    cost = (len(found.faces.areas), 0, seconds, cpu, f"{len(found.charge)} fields")
+    names = ("A", FLUX_DENSITY), ("force", FORCE), ("stiffness", STIFFNESS)
+    for (name, bound), mine, true in zip(names, ours, (along, first / 2, bend / 2), strict=True):
+        off = float(np.abs(mine / true - 1.0).max())
+        yield Row(f"{case}, mu_r {mu_r:g}", f"{name} of a dipole", off, bound, _SOURCES[case], *cost)
+    yield Row(
+        f"{case}, mu_r {mu_r:g}", "asymmetry of A", _asymmetry(found), RECIPROCITY, "reciprocity", *cost
+    )
+
+
+_SOURCES = {"plate": "image in a half-space", "ball": "spherical harmonics", "shell": "spherical harmonics"}
+
+
+def _asymmetry(found: ReactionFields) -> float:
+    """Of A(x, y) and A(y, x) at two places of the box."""
+    corners = found.faces.centres
+    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    b, _ = found.fields(middle + [[0.0, 0.0, 0.0], [1e-3, 2e-3, 3e-3]])
+    one, other = (np.einsum("k,ki,kj->ij", found.signs, b[:, i], b[:, 1 - i]) for i in (0, 1))
+    return float(np.abs(one - other.T).max() / np.abs(one).max())
+
+
+def _device(
+    name: str, mu_r: float, box: tuple[Array, Array], *bodies: tuple[tuple[fm.Part, ...], float]
+) -> fm.Device:
+    """Bodies of parts and mesh size."""
+    named = (fm.Body(f"{name} {k}", "iron", parts, size) for k, (parts, size) in enumerate(bodies))
+    ring = fm.CircularCoil("1", 0.2, 0.25, 0.05, 100.0, placement=fm.Placement([0.0, 0.0, 0.3]))
+    iron = {"iron": fm.LinearMaterial("iron", mu_r)}
+    return fm.Device(name, "", (ring,), tuple(named), iron, workspace=fm.WorkspaceBox(*box))
+
+
+def _plate(mu_r: float) -> fm.Device:
+    """Twelve times as wide as the dipole is above it; finer below the dipole."""
+
+    def disc(radius: float, height: float, operation: str = "add") -> fm.Part:
+        return fm.Part(fm.Cylinder(radius, height), fm.Placement([0.0, 0.0, -height]), operation)
+
+    box = np.array([-0.002, -0.002, 0.014]), np.array([0.002, 0.002, 0.021])
+    below = (disc(0.045, 0.02),), 0.0038
+    return _device("plate", mu_r, box, below, ((disc(0.25, 0.25), disc(0.045, 0.02, "cut")), 0.03))
+
+
+def _over_a_plate(mu_r: float) -> Exact:
+    """A = q mu0/4pi 2 / (2 z)^3 along, half of that across; q = (mu_r - 1)/(mu_r + 1)."""
+    share = _SCALE * (mu_r - 1) / (mu_r + 1) / 4
+    return lambda z: np.concatenate(
+        [k * share * np.array([z**-3, -3 * z**-4, 12 * z**-5]) for k in (1.0, 0.5)]
+    )
+
+
+def _ball(mu_r: float) -> fm.Device:
+    box = np.array([-0.003, -0.003, 0.034]), np.array([0.003, 0.003, 0.045])
+    return _device("ball", mu_r, box, ((fm.Part(fm.Sphere(0.02)),), 0.0035))
+
+
+def _beside_a_ball(mu_r: float) -> Exact:
+    """To r^l P_l the ball answers -chi a^(2l+1) / r^(l+1) P_l, chi = l (mu_r - 1) / (l mu_r + l + 1)."""
+    l, a = _ORDERS, 0.02
+    chi = l * (mu_r - 1) / (l * mu_r + l + 1)
+
+    def exact(d: Array) -> Array:
+        share, n = _SCALE * chi * (a / d) ** (2 * l + 1) / d**3, 2 * l + 4
+        parts = (l + 1) ** 2 * share, l * (l + 1) / 2 * share
+        return np.concatenate(
+            [[p.sum(axis=0), -(n * p / d).sum(axis=0), (n * (n + 1) * p / d**2).sum(axis=0)] for p in parts]
+        )
+
+    return exact
+
+
+def _shell(mu_r: float) -> fm.Device:
+    parts = fm.Part(fm.Sphere(0.03)), fm.Part(fm.Sphere(0.02), operation="cut")
+    box = np.array([-0.004, -0.004, -0.002]), np.array([0.004, 0.004, 0.011])
+    return _device("shell", mu_r, box, (parts, 0.0026))
+
+
+def _in_a_shell(mu_r: float) -> Exact:
+    """To r^-(l+1) P_l inside the shell answers chi_l r^l / b^(2l+1) P_l, from continuous potential and flux at both
+    radii b and c; mu_r > 1 draws the dipole to the wall."""
+    l, b, c = _ORDERS, 0.02, 0.03
+    # In the shell the share of r^l by that of r^-(l+1), at b, from the outer face; then the potential's slope there.
+    back = (l + 1) * (mu_r - 1) / (l * mu_r + l + 1) * (b / c) ** (2 * l + 1)
+    slope = mu_r * (l * back - (l + 1)) / (1.0 + back)
+    chi = (slope + l + 1) / (l - slope)
+
+    def exact(d: Array) -> Array:
+        share = _SCALE * chi * (d / b) ** (2 * l - 2) / b**3
+        n = 2 * l - 2
+        parts = -(l**2) * share, -(l * (l + 1)) / 2 * share
+        return np.concatenate(
+            [[p.sum(axis=0), (n * p / d).sum(axis=0), (n * (n - 1) * p / d**2).sum(axis=0)] for p in parts]
+        )
+
+    return exact
+
+
+def _levitator() -> Iterator[Row]:
+    """The magnet of desk_levitator as a body of the device beside its rule on the map."""
+    device = fm.read_device("desk_levitator")
+    field = fm.open_map(fm.generate(device, spacing=2e-3, progress=False))
+    body = magnetic_body(device.payload)
+    ndfeb = fm.PermanentMagnet("ndfeb", np.array([0.0, 0.0, device.payload.magnet.remanence]), 1.0)
+    pull, third = [], []
+    for n in range(10):
+        x, z, current = 3e-3 * np.sin(n), -0.02 - 1.5e-3 * n, 0.2 * np.cos(2 * n) * (n % 2)
+        shape = fm.Part(fm.Cylinder(0.006, 0.01), fm.Placement([x, 0.0, z - 0.005]))
+        bodies = (*device.bodies, fm.Body("magnet", "ndfeb", (shape,), 0.002, edge_size=0.001))
+        machine = fm.Device("with magnet", "", device.coils, bodies, {**device.materials, "ndfeb": ndfeb})
+        solution = fm.solve_linear(machine)
+        force = solution.force_on("magnet", [current])
+        found = body.wrench(field, [x, 0.0, z], [current])[:3]
+        pull.append(np.linalg.norm(found - force) / np.linalg.norm(force))
+        both = force + solution.force_on("core", [current]) + solution.force_on("1", [current])
+        third.append(np.linalg.norm(both) / np.linalg.norm(force))
+    source = "force_on, magnet meshed"
+    yield Row("desk_levitator", "force on the magnet at 10 places", float(max(pull)), PULL, source)
+    yield Row("desk_levitator", "action and reaction", float(max(third)), THIRD_LAW, "third law")
