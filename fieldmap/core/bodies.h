@@ -21,10 +21,11 @@ typedef struct fieldmap_placed {
 } fieldmap_placed;
 
 /* A point of body number `owner` at which the field acts: its number there; where it lies from the origin of the body and in
- * the map; its moment, and how that changes with a weight; the whole flux density; of soft iron, dm/dB. */
+ * the map; its moment, and how that changes with a weight; the whole flux density; the gradient without that of other bodies;
+ * of soft iron, dm/dB. */
 typedef struct fieldmap_site {
     int owner, number;
-    double arm[3], at[3], moment[3], change[3], flux[3], slope[9];
+    double arm[3], at[3], moment[3], change[3], flux[3], gradient[9], slope[9];
 } fieldmap_site;
 
 /* Fields at points of bodies: flux[(p * fields + k) * 3] and gradient[(p * fields + k) * 9] of field k at weight 1. Of the
@@ -145,7 +146,7 @@ static inline void fieldmap_add_others(
 {
     const fieldmap_site *here = all->sites + p, *there = all->sites;
     int q, i;
-    for (q = 0; q < all->points; q++, there++) {
+    for (q = 0; q < all->points && all->count > 1; q++, there++) {
         double r[3];
         if (there->owner == here->owner) continue;
         for (i = 0; i < 3; i++) r[i] = here->at[i] - there->at[i];
@@ -212,9 +213,9 @@ static inline int fieldmap_bodies_wrench(fieldmap_bodies *all, double *wrench, d
         sum += (i < all->of.fields - all->of.repelled ? 0.5 : -0.5) * all->weights[i] * all->weights[i];
     for (p = 0; p < all->points; p++) {
         fieldmap_site *site = all->sites + p;
-        double *own = wrench + 6 * site->owner, gradient[9], flux[3] = {0.0}, force[3] = {0.0}, unused[3];
-        fieldmap_field_on_site(all, p, site->flux, gradient);
-        fieldmap_add_wrench(site->flux, gradient, site->moment, site->arm, own);
+        double *own = wrench + 6 * site->owner, flux[3] = {0.0}, force[3] = {0.0}, unused[3];
+        fieldmap_field_on_site(all, p, site->flux, site->gradient);
+        fieldmap_add_wrench(site->flux, site->gradient, site->moment, site->arm, own);
         fieldmap_add_others(all, p, 0, site->moment, flux, force);
         fieldmap_add_force(force, flux, site->moment, site->arm, own);
         fieldmap_add(flux, site->flux);
@@ -234,16 +235,20 @@ static inline int fieldmap_add_changes(fieldmap_bodies *all, int k, double *wren
     for (p = 0; p < all->points; p++) {
         const fieldmap_site *site = all->sites + p;
         double *own = wrench + 6 * site->owner, flux[3] = {0.0}, gradient[9] = {0.0}, force[3] = {0.0}, near[3] = {0.0};
-        fieldmap_add_reaction(&all->of, p, reacting, flux, gradient);
-        fieldmap_add_wrench(flux, gradient, site->moment, site->arm, own);
-        fieldmap_add_others(all, p, 1, site->moment, near, force);
-        fieldmap_add_force(force, near, site->moment, site->arm, own);
+        if (all->of.fields > 0) {
+            fieldmap_add_reaction(&all->of, p, reacting, flux, gradient);
+            fieldmap_add_wrench(flux, gradient, site->moment, site->arm, own);
+        }
+        if (all->count > 1) {
+            fieldmap_add_others(all, p, 1, site->moment, near, force);
+            fieldmap_add_force(force, near, site->moment, site->arm, own);
+        }
         if (!fieldmap_is_soft(all, site)) continue;
-        force[0] = force[1] = force[2] = near[0] = near[1] = near[2] = 0.0;
-        fieldmap_field_on_site(all, p, flux, gradient);
-        fieldmap_add_wrench(flux, gradient, site->change, site->arm, own);
+        force[0] = force[1] = force[2] = 0.0;
+        fieldmap_add_wrench(site->flux, site->gradient, site->change, site->arm, own);
         fieldmap_add_others(all, p, 0, site->change, near, force);
-        fieldmap_add_force(force, near, site->change, site->arm, own);
+        fieldmap_add(force, own);
+        fieldmap_add_cross(site->arm, force, own + 3);
     }
     return settled;
 }

@@ -150,7 +150,7 @@ def currents_for_several(
     >>> coils, lift = CoilSet(of), [[np.nan, np.nan, 0.1], [np.nan, np.nan, 0.1]]
     >>> found = currents_for_several(coils, [[0, 0, 0.01], [0, 0, -0.01]], [[0, 0, 1], [0, 0, 1]], lift)
     >>> found.actuation.rank, round(found.actuation.condition, 2)
-    (2, 1.14)
+    (2, 1.33)
     """
     source = as_field(field)
     places, bodies, turns = _bodies_at(positions, moments, orientations)

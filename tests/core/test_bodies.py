@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
+from fieldmap.core import CoreMap
 from fieldmap.core.body import CoreBody, wrench_slopes
+from fieldmap.core.machine import INSIDE, STATE, CoreMachine
+from fieldmap.core.several_bodies import CoreSeveralBodies
+from tests.core.map_cases import CURRENTS, block_of
+from tests.core.test_machine import MIDDLE, body_numbers, plant, state_at
 from tests.core.test_soft_iron import DIPOLES, POSE, TURN, pieces
 
 PLACES = 0.02 * np.array([[0.0, 0.0, 0.0], [1.0, 0.5, -0.8], [-0.7, 1.0, 0.5]])
@@ -81,6 +86,33 @@ def test_moments_and_loads_by_plain_sums(random, bodies):
         wrench[owner[p]] += [*force, *torque]
     found, _ = loads(*random, bodies)
     np.testing.assert_allclose(found, wrench, rtol=0, atol=1e-6 * np.abs(wrench).max())
+
+
+def test_loads_in_a_map_are_derivatives_of_the_energy(bodies):
+    """With fields of the reaction that draw and one that repels."""
+    (block, size), (back, _) = block_of("global", sets=2), block_of("global", sets=FIELDS)
+    weak = back.copy()
+    weak[-FIELDS * size :] *= 0.05
+    both = CoreMap(block, reaction=CoreMap(weak), repelled=REPELLED)
+    numbers = [body_numbers(magnetic=one.body) for one in bodies]
+    machine = CoreMachine(plant(2, 2, map=both.map))
+    several = CoreSeveralBodies(machine, numbers, np.zeros(3), np.zeros(9))
+    assert several.follow(CURRENTS)
+    start = np.array([state_at(MIDDLE + place) for place in PLACES])
+    loads, unused, step = np.empty((3, 6)), np.empty((3, 6)), 1e-6
+    assert several.wrench(start, loads)[0] == INSIDE
+    expected = np.empty((3, 3))
+    for n, k in np.ndindex(3, 3):
+        ends = [several.wrench(start + sign * step * unit(n, k), unused)[1] for sign in (1, -1)]
+        expected[n, k] = -(ends[0] - ends[1]) / (2 * step)
+    np.testing.assert_allclose(loads[:, :3], expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+
+
+def unit(n, k):
+    """1 in coordinate k of body n."""
+    found = np.zeros((3, STATE))
+    found[n, k] = 1.0
+    return found
 
 
 def dipole(r, moment):

@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import fieldmap as fm
-from fieldmap.dynamics import RigidBody, SeveralBodies, Walls, move, state_of
+from fieldmap.dynamics import Drag, RigidBody, SeveralBodies, Walls, move, state_of
 from fieldmap.errors import InputError, NotConverged, OutsideMapError
 from fieldmap.lookup import MagneticBody, magnetic_body, open_map, volume_rule
 from tests.dynamics.conftest import axial_map
@@ -218,6 +218,20 @@ def test_one_body_moves_as_it_does_alone(file):
     run = SeveralBodies(field, (one,)).run([start], 0.6, 0.01)
     np.testing.assert_allclose(run.states[:, 0], alone.states, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(run.time, alone.time, atol=1e-15)
+
+
+def test_drag_along_the_axes_of_each_body(uniform):
+    """Two bodies that are turned differently move as each alone."""
+    drag = Drag(body_linear=(0.1, 0.0, 0.3), turning=(1e-7, 0.0, 3e-7))
+    start = [
+        state_of([0.01, 0, 0], (0.1, 0.2, 0.3), (1, 0.5, 0, 0), (9, 0, 5)),
+        state_of([-0.01, 0, 0], (0.2, 0.1, -0.3), (1, 0, -0.7, 0.2), (0, 7, 5)),
+    ]
+    still = body(NONE, gravity=0.0)
+    run = SeveralBodies(uniform, (still, still), drag=drag).run(start, 0.0, 0.01)
+    for n in range(2):
+        alone = move(uniform.at([0.0]), still, start[n], 0.01, drag=drag, every=10)
+        np.testing.assert_allclose(run.states[:, n], alone.states, rtol=1e-12, atol=1e-15)
 
 
 def colliding(uniform, velocities, spin=(0, 0, 0), masses=(1e-3, 3e-3), **walls):
