@@ -166,7 +166,8 @@ class Infeasible(FieldmapError):  # noqa: N818 - a name fixed by the public inte
     """No currents within the limits give what was asked for.
 
     Where known: reachable, what can be had in its place, in the order of the demand; share, which share of the demand
-    that is; binding, the coils whose limits rule the demand out, with these limits, A.
+    that is; binding, the coils whose limits rule the demand out, with these limits, A; actuation, of several forces,
+    their derivatives by the currents where the search ended (`fieldmap.lookup.Actuation`).
     """
 
     def __init__(
@@ -175,8 +176,10 @@ class Infeasible(FieldmapError):  # noqa: N818 - a name fixed by the public inte
         reachable: Any = None,
         share: float | None = None,
         binding: Mapping[str, float] | None = None,
+        actuation: Any = None,
     ) -> None:
         super().__init__(*problems)
+        self.actuation = actuation
         self.reachable = reachable
         self.share = share
         self.binding = dict(binding or {})

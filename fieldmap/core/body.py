@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from fieldmap.core.library import LIBRARY
 from fieldmap.typing import Array
 
@@ -47,7 +49,9 @@ class CoreBody:
         the pieces of soft iron. reaction: of how many fields of the iron's reaction, the last, the sign is -1, and the
         same of these fields.
         """
-        LIBRARY.body_wrench_slopes(self.body, turn, weights, *fields, *reaction, wrench, slopes)
+        wrench_slopes(
+            [self], np.zeros((1, 3)), turn[None], weights, fields, reaction, wrench[None], slopes[None]
+        )
 
     def induced_moments(
         self, turns: Array, flux: Array, moments: Array, energies: Array, slopes: Array | None
@@ -58,3 +62,22 @@ class CoreBody:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return CoreBody, self._given
+
+
+def wrench_slopes(
+    bodies: Sequence[CoreBody],
+    places: Array,
+    turns: Array,
+    weights: Array,
+    fields: tuple[Array, Array],
+    reaction: tuple[int, Array, Array],
+    wrench: Array,
+    slopes: Array,
+) -> bool:
+    """Fill wrench (n, 6) on bodies that act on each other, at places (n, 3), m, and turns (n, 3, 3), and slopes (n, 6,
+    k): see `CoreBody.wrench_slopes`, with the points of one body behind those of the other. False where the moments of
+    soft iron come to no end, because bodies overlap."""
+    known = tuple(body.body for body in bodies)
+    return bool(
+        LIBRARY.bodies_wrench_slopes(known, places, turns, weights, *fields, *reaction, wrench, slopes)
+    )

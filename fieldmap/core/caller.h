@@ -10,9 +10,9 @@
 #ifndef FIELDMAP_CALLER_H
 #define FIELDMAP_CALLER_H
 
+#include "bodies.h"
 #include "current_table.h"
 #include "iron.h"
-#include "magnetic_body.h"
 #include "map.h"
 
 /* Most fields behind those of the coils that a table may give. */
@@ -76,7 +76,8 @@ static inline size_t fieldmap_caller_room(const fieldmap_caller *of)
     const size_t fields = (size_t)fieldmap_sets(of->map), coils = (size_t)fieldmap_caller_coils(of);
     const size_t points = of->body == NULL ? 0 : (size_t)fieldmap_body_points(of->body);
     const size_t reacting = (size_t)of->map->reacting;
-    return fields * (1 + 6 + coils + 12 * points) + 12 * points * reacting;
+    const size_t sites = points * (sizeof(fieldmap_site) / sizeof(double));
+    return fields * (1 + 6 + coils + 12 * points) + 12 * points * reacting + sites;
 }
 
 /* wrench[6], N and N m, on the body at a place[3], turned by r[9], about its origin, and slopes[6 * coils], its derivatives
@@ -90,8 +91,9 @@ static inline int fieldmap_caller_wrench(const fieldmap_caller *of, const double
     const int reacting = of->map->reacting;
     const fieldmap own = fieldmap_reaction(of->map);
     double *back = gradient + 9 * (size_t)points * (size_t)fields, *back_slope = back + 3 * (size_t)points * (size_t)reacting;
-    const fieldmap_acting by = {fields, weights, flux, gradient};
-    const fieldmap_reacting reaction = {reacting, of->map->repelled, back, back_slope};
+    fieldmap_placed placed = {of->body, {0.0}, {0.0}};
+    fieldmap_bodies alone = {1, points, &placed, (fieldmap_site *)(back_slope + 9 * (size_t)points * (size_t)reacting),
+                             {fields, weights, flux, gradient}, {reacting, of->map->repelled, back, back_slope}, {0.0}};
     int status = of->table == NULL ? FIELDMAP_OK : FIELDMAP_ARGUMENT, p, i, c, f;
     if (status == FIELDMAP_OK && of->iron != NULL) {
         status = fieldmap_iron_slopes(of->iron, currents, weights, by_current);
@@ -113,7 +115,10 @@ static inline int fieldmap_caller_wrench(const fieldmap_caller *of, const double
         fieldmap_unknown(slopes, 6 * coils);
         return status;
     }
-    fieldmap_body_wrench_slopes(of->body, r, &by, &reaction, wrench, by_weight);
+    memcpy(placed.turn, r, sizeof placed.turn);
+    fieldmap_place_bodies(&alone);
+    fieldmap_bodies_wrench(&alone, wrench, NULL);
+    fieldmap_bodies_slopes(&alone, slopes, by_weight);
     for (i = 0; i < 6; i++)
         for (c = 0; c < coils; c++) {
             const double *row = by_weight + (size_t)i * (size_t)fields;

@@ -11,7 +11,7 @@
 #include "rotation.h"
 
 /* What is touched, as a sum. */
-enum { FIELDMAP_FREE = 0, FIELDMAP_ON_FLOOR = 1, FIELDMAP_ON_CEILING = 2, FIELDMAP_ON_WALL = 4 };
+enum { FIELDMAP_FREE = 0, FIELDMAP_ON_FLOOR = 1, FIELDMAP_ON_CEILING = 2, FIELDMAP_ON_WALL = 4, FIELDMAP_ON_BODY = 8 };
 
 /* stiffness, N/m, and damping, N s/m, of the penalty; friction: Coulomb's coefficient; slip: m/s, below which friction is
  * viscous; heights of floor and ceiling, m; radius of the tube and its axis (x, y), m. Infinite where there is none. */

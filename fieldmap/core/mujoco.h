@@ -10,7 +10,7 @@
 
 #include <string.h>
 
-#include "magnetic_body.h"
+#include "bodies.h"
 
 /* mj_applyFT(model, data, force, torque, point, body, generalised force) */
 typedef void fieldmap_mujoco_apply(
@@ -25,7 +25,7 @@ typedef struct fieldmap_mujoco_magnet {
 
 /* model: MuJoCo's, or NULL: the next call says it, and does nothing else. xpos, xmat, passive: where in MuJoCo's data the
  * pointers to xpos, xmat and qfrc_passive lie, in bytes. field: which keeps nothing (places NULL); its weights may be changed
- * between steps. origin: of the map in the world, m. mutual: whether the dipoles of magnets act on those of others. status:
+ * between steps. origin: of the map in the world, m. mutual: whether magnets act on each other. points: of all. status:
  * FIELDMAP_OK, or that of the first point at which the field was not known; then no forces are added any more, at_fault says
  * which magnet it was, and place[3] the point in the map. */
 typedef struct fieldmap_mujoco_task {
@@ -34,7 +34,7 @@ typedef struct fieldmap_mujoco_task {
     size_t xpos, xmat, passive;
     fieldmap_path field;
     double origin[3];
-    int mutual, count;
+    int mutual, count, points;
     const fieldmap_mujoco_magnet *magnets;
     int status, at_fault;
     double place[3];
@@ -48,40 +48,41 @@ static inline double *fieldmap_mujoco_array(const void *data, size_t offset)
     return array;
 }
 
-/* Add to wrench[6] on magnet n, about the origin of its body, what the dipoles of all others do to its own. */
-static inline void fieldmap_mujoco_add_others(
-    const fieldmap_mujoco_task *task, const double *xpos, const double *xmat, int n, double *wrench)
+/* How many bytes the callback needs. */
+static inline size_t fieldmap_mujoco_room(const fieldmap_mujoco_task *task)
 {
-    const fieldmap_mujoco_magnet *own = task->magnets + n;
-    const double *turn = xmat + 9 * own->number, *centre = xpos + 3 * own->number;
-    int p, q, k, other;
-    for (p = 0; p < own->body->n_dipoles; p++) {
-        double arm[3], moment[3], flux[3] = {0.0}, force[3] = {0.0};
-        fieldmap_to_map(turn, own->body->dipoles[p].point, arm);
-        fieldmap_to_map(turn, own->body->dipoles[p].moment, moment);
-        for (other = 0; other < task->count; other++) {
-            const fieldmap_mujoco_magnet *by = task->magnets + other;
-            const double *its_turn = xmat + 9 * by->number, *its_centre = xpos + 3 * by->number;
-            for (q = 0; q < (other == n ? 0 : by->body->n_dipoles); q++) {
-                double its_arm[3], source[3], r[3];
-                fieldmap_to_map(its_turn, by->body->dipoles[q].point, its_arm);
-                fieldmap_to_map(its_turn, by->body->dipoles[q].moment, source);
-                for (k = 0; k < 3; k++) r[k] = centre[k] + arm[k] - its_centre[k] - its_arm[k];
-                fieldmap_add_dipole(r, source, moment, flux, force);
-            }
-        }
-        fieldmap_add(force, wrench);
-        fieldmap_add_cross(moment, flux, wrench + 3);
-        fieldmap_add_cross(arm, force, wrench + 3);
-    }
+    const size_t points = task->mutual ? (size_t)task->points : 0, count = (size_t)task->count;
+    return count * (sizeof(fieldmap_placed) + 6 * sizeof(double)) + points * sizeof(fieldmap_site)
+        + fieldmap_looked_room(task->field.map, (int)points) * sizeof(double);
 }
 
-/* Add the load of every magnet to the passive forces of MuJoCo's data. */
-static inline void fieldmap_mujoco_add_forces(fieldmap_mujoco_task *task, const void *model, void *data)
+/* wrench[6 * count] on all magnets at these poses; a status, and which magnet and point of the map are at fault. */
+static inline int fieldmap_mujoco_wrenches(
+    const fieldmap_mujoco_task *task, fieldmap_placed *placed, double *wrench, int *at_fault, double *at)
 {
+    int n, k, fault, status = FIELDMAP_OK;
+    if (task->mutual) {
+        fieldmap_site *sites = (fieldmap_site *)(wrench + 6 * task->count);
+        fieldmap_bodies all = {task->count, task->points, placed, sites, {0, NULL, NULL, NULL}, {0, 0, NULL, NULL}, {0.0}};
+        status = fieldmap_wrench_in_map(&all, &task->field, (double *)(sites + task->points), wrench, NULL, &fault);
+        if (status == FIELDMAP_OK) return status;
+        *at_fault = sites[fault].owner;
+        for (k = 0; k < 3; k++) at[k] = sites[fault].at[k];
+    }
+    for (n = 0; n < task->count && status == FIELDMAP_OK && !task->mutual; n++) {
+        status = fieldmap_body_wrench(&task->field, placed[n].body, placed[n].place, placed[n].turn, wrench + 6 * n, at);
+        *at_fault = n;
+    }
+    return status;
+}
+
+/* Add the load of every magnet to the passive forces of MuJoCo's data. room: of fieldmap_mujoco_room, of this thread. */
+static inline void fieldmap_mujoco_add_forces(fieldmap_mujoco_task *task, const void *model, void *data, void *room)
+{
+    fieldmap_placed *placed = (fieldmap_placed *)room;
+    double *wrench = (double *)(placed + task->count), *passive, at[3];
     const double *xpos, *xmat;
-    double *passive;
-    int n, k;
+    int n, k, at_fault = 0, status;
     if (task->model == NULL) {
         task->model = model;
         return;
@@ -90,25 +91,26 @@ static inline void fieldmap_mujoco_add_forces(fieldmap_mujoco_task *task, const 
     xpos = fieldmap_mujoco_array(data, task->xpos), xmat = fieldmap_mujoco_array(data, task->xmat);
     passive = fieldmap_mujoco_array(data, task->passive);
     for (n = 0; n < task->count; n++) {
+        const int number = task->magnets[n].number;
+        placed[n].body = task->magnets[n].body;
+        for (k = 0; k < 3; k++) placed[n].place[k] = xpos[3 * number + k] - task->origin[k];
+        memcpy(placed[n].turn, xmat + 9 * number, sizeof placed[n].turn);
+    }
+    status = fieldmap_mujoco_wrenches(task, placed, wrench, &at_fault, at);
+    if (status != FIELDMAP_OK) {
+        for (k = 0; k < 3; k++) task->place[k] = at[k];
+        task->at_fault = at_fault;
+        task->status = status;
+        return;
+    }
+    for (n = 0; n < task->count; n++, wrench += 6) {
         const fieldmap_mujoco_magnet *magnet = task->magnets + n;
-        const double *turn = xmat + 9 * magnet->number, *centre = xpos + 3 * magnet->number;
-        double place[3], at[3], wrench[6];
-        int status;
-        for (k = 0; k < 3; k++) place[k] = centre[k] - task->origin[k];
-        status = fieldmap_body_wrench(&task->field, magnet->body, place, turn, wrench, at);
-        if (status != FIELDMAP_OK) {
-            for (k = 0; k < 3; k++) task->place[k] = at[k];
-            task->at_fault = n;
-            task->status = status;
-            return;
-        }
-        if (task->mutual) fieldmap_mujoco_add_others(task, xpos, xmat, n, wrench);
         if (magnet->freedom < 0) {
-            task->apply(model, data, wrench, wrench + 3, centre, magnet->number, passive);
+            task->apply(model, data, wrench, wrench + 3, xpos + 3 * magnet->number, magnet->number, passive);
         } else {
             /* What mj_applyFT would do: force in the world, torque in the body. */
             double torque[3];
-            fieldmap_to_body(turn, wrench + 3, torque);
+            fieldmap_to_body(placed[n].turn, wrench + 3, torque);
             fieldmap_add(wrench, passive + magnet->freedom);
             fieldmap_add(torque, passive + magnet->freedom + 3);
         }

@@ -34,7 +34,7 @@ class Task:
     """The loads of magnets in the sum of a map's fields, which the callback adds to the passive forces of one model.
 
     weights: of the fields, read where they lie whenever MuJoCo calls; origin (3,), m: of the map in the world; mutual:
-    whether the dipoles of magnets act on those of others.
+    whether magnets and soft iron act on those of other bodies, also by the iron that they magnetise.
     """
 
     def __init__(
@@ -60,8 +60,9 @@ class Task:
         LIBRARY.mujoco_activate(self._before)
         self._before = None
 
-    def fault(self) -> tuple[int, Array] | None:
-        """The number of the first magnet that left the map, and where in it (3,), m; it feels nothing since."""
+    def fault(self) -> tuple[int, int, Array] | None:
+        """A status, the number of the first magnet at fault, and where in the map (3,), m: that it left, or, by
+        `UNSETTLED`, that its soft iron overlaps another. Nothing feels a force since."""
         return LIBRARY.mujoco_fault(self._task)
 
 

@@ -17,6 +17,7 @@
 #include "python_map.h"
 #include "python_mujoco.h"
 #include "python_sampled_loop.h"
+#include "python_several_bodies.h"
 #include "python_table.h"
 #if defined(__x86_64__) && defined(__GNUC__)
 #include <cpuid.h>
@@ -50,7 +51,7 @@ static PyObject *level(PyObject *self, PyObject *const *args, Py_ssize_t given)
 
 static PyMethodDef functions[] = {
     FUNCTION(level), MAP_FUNCTIONS, BODY_FUNCTIONS, CALLER_FUNCTIONS, CLOSED_LOOP_FUNCTIONS, CONTROLLER_FUNCTIONS, INSTRUMENT_FUNCTIONS,
-    IRON_FUNCTIONS, LEAST_POWER_FUNCTIONS, MACHINE_FUNCTIONS, MUJOCO_FUNCTIONS, SAMPLED_LOOP_FUNCTIONS, TABLE_FUNCTIONS,
+    IRON_FUNCTIONS, LEAST_POWER_FUNCTIONS, MACHINE_FUNCTIONS, MUJOCO_FUNCTIONS, SAMPLED_LOOP_FUNCTIONS, SEVERAL_BODIES_FUNCTIONS, TABLE_FUNCTIONS,
     {NULL, NULL, 0, NULL}};
 
 #define CONSTANT(name) {#name, FIELDMAP_##name}
@@ -60,7 +61,7 @@ static const struct {
     const char *name;
     long value;
 } constants[] = {MAP_CONSTANTS, CALLER_CONSTANTS, CLOSED_LOOP_CONSTANTS, CONTROLLER_CONSTANTS, IRON_CONSTANTS, LEAST_POWER_CONSTANTS,
-               MACHINE_CONSTANTS, TABLE_CONSTANTS};
+               MACHINE_CONSTANTS, SEVERAL_BODIES_CONSTANTS, TABLE_CONSTANTS};
 
 static int start(PyObject *module)
 {

@@ -5,7 +5,7 @@
 #ifndef FIELDMAP_PYTHON_BODY_H
 #define FIELDMAP_PYTHON_BODY_H
 
-#include "magnetic_body.h"
+#include "bodies.h"
 #include "python_reader.h"
 
 enum { BODY_PARTS = 1000000 };
@@ -53,13 +53,29 @@ static PyObject *magnetic_body(PyObject *self, PyObject *const *args, Py_ssize_t
     return held(&from, BODY, sizeof(fieldmap_magnetic_body), read_body);
 }
 
-/* body_wrench_slopes(body, turn, weights, flux, gradient, repelled, reaction flux, reaction gradient, wrench, slopes) */
-static PyObject *body_wrench_slopes(PyObject *self, PyObject *const *args, Py_ssize_t given)
+/* placed[count] of the bodies, tuple `bodies`, with memory of the reader. */
+static fieldmap_placed *placed_of(reader *from, int *count)
 {
-    reader from = arguments(args, given, 10);
-    const fieldmap_magnetic_body *body = (const fieldmap_magnetic_body *)held_of(&from, "body", BODY);
-    const npy_intp points = body == NULL ? 0 : fieldmap_body_points(body);
-    const double *turn = numbers_of(&from, "turn", 2, 9).at;
+    PyObject *bodies = value_of(from, "bodies");
+    const Py_ssize_t size = bodies != NULL && PyTuple_Check(bodies) ? PyTuple_Size(bodies) : 0;
+    fieldmap_placed *placed = (fieldmap_placed *)memory_of(from, (size_t)size * sizeof *placed);
+    Py_ssize_t n;
+    require(size > 0 && size <= BODY_PARTS, PyExc_TypeError, "bodies must be a tuple of one or more");
+    for (n = 0; n < size && !PyErr_Occurred(); n++)
+        placed[n].body = (const fieldmap_magnetic_body *)PyCapsule_GetPointer(PyTuple_GetItem(bodies, n), BODY);
+    *count = (int)size;
+    return placed;
+}
+
+/* bodies_wrench_slopes(bodies, places (n, 3), turns (n, 3, 3), weights, flux, gradient, repelled, reaction flux, reaction
+ * gradient, wrench (n, 6), slopes (n, 6, k)): whether the moments of soft iron came to an end. */
+static PyObject *bodies_wrench_slopes(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    reader from = arguments(args, given, 11);
+    fieldmap_bodies all = {0};
+    fieldmap_placed *placed = placed_of(&from, &all.count);
+    const npy_intp points = PyErr_Occurred() ? 0 : fieldmap_points_of(all.count, placed);
+    const double *places = numbers_of(&from, "places", 2, 3 * all.count).at, *turns = numbers_of(&from, "turns", 3, 9 * all.count).at;
     const number_array weights = numbers_of(&from, "weights", 1, ANY);
     const double *flux = numbers_of(&from, "flux", 3, 3 * points * weights.size).at;
     const double *gradient = numbers_of(&from, "gradient", 4, 9 * points * weights.size).at;
@@ -67,15 +83,25 @@ static PyObject *body_wrench_slopes(PyObject *self, PyObject *const *args, Py_ss
     const number_array reacting = numbers_of(&from, "reaction_flux", 3, ANY);
     const npy_intp fields = reacting.shape[1];
     const double *slope = numbers_of(&from, "reaction_gradient", 4, 9 * points * fields).at;
-    double *wrench = filled_of(&from, "wrench", 6), *slopes = filled_of(&from, "slopes", 6 * weights.size);
+    double *wrench = filled_of(&from, "wrench", 6 * all.count), *slopes = filled_of(&from, "slopes", 6 * all.count * weights.size);
+    double *room = (double *)memory_of(&from, (size_t)(6 * all.count) * sizeof(double));
     const fieldmap_acting by = {(int)weights.size, weights.at, flux, gradient};
     const fieldmap_reacting of = {(int)fields, (int)repelled, reacting.at, slope};
+    int n, settled;
     (void)self;
+    all.sites = (fieldmap_site *)memory_of(&from, (size_t)points * sizeof *all.sites);
     require(reacting.size == 3 * points * fields && fields <= FIELDMAP_REACTION_FIELDS, PyExc_TypeError,
             "reaction_flux must be (points, k, 3)");
-    if (PyErr_Occurred()) return NULL;
-    fieldmap_body_wrench_slopes(body, turn, &by, &of, wrench, slopes);
-    Py_RETURN_NONE;
+    if (PyErr_Occurred()) return nothing(&from);
+    for (n = 0; n < all.count; n++) {
+        memcpy(placed[n].place, places + 3 * n, sizeof placed[n].place);
+        memcpy(placed[n].turn, turns + 9 * n, sizeof placed[n].turn);
+    }
+    all.points = (int)points, all.placed = placed, all.by = by, all.of = of;
+    fieldmap_place_bodies(&all);
+    settled = fieldmap_bodies_wrench(&all, wrench, NULL);
+    settled &= fieldmap_bodies_slopes(&all, room, slopes);
+    return answer(&from, PyBool_FromLong(settled));
 }
 
 /* induced_moments(body, turns, flux, moments, energies, slopes): of the soft pieces at n poses; slopes may be None. */
@@ -111,6 +137,6 @@ static PyObject *induced_moments(PyObject *self, PyObject *const *args, Py_ssize
 }
 
 #define BODY_FUNCTIONS \
-    FUNCTION(magnetic_body), FUNCTION(body_wrench_slopes), FUNCTION(induced_moments)
+    FUNCTION(magnetic_body), FUNCTION(bodies_wrench_slopes), FUNCTION(induced_moments)
 
 #endif

@@ -5,6 +5,8 @@
 #ifndef FIELDMAP_PYTHON_MUJOCO_H
 #define FIELDMAP_PYTHON_MUJOCO_H
 
+#include <stdlib.h>
+
 #include "mujoco.h"
 #include "python_body.h"
 #include "python_map.h"
@@ -15,10 +17,15 @@ static const char *const MUJOCO = "fieldmap.core.mujoco";
 static fieldmap_mujoco_task *active_task = NULL;
 static PyObject *active_capsule = NULL;
 
-/* What MuJoCo calls: mjfGeneric mjcb_passive. */
+/* What MuJoCo calls: mjfGeneric mjcb_passive. Threads that step at a time have memory of their own. */
 static void add_passive_forces(const void *model, void *data)
 {
-    if (active_task != NULL) fieldmap_mujoco_add_forces(active_task, model, data);
+    double few[512];
+    const size_t bytes = active_task == NULL ? 0 : fieldmap_mujoco_room(active_task);
+    void *room = bytes > sizeof few ? malloc(bytes) : few;
+    if (active_task != NULL && room != NULL) fieldmap_mujoco_add_forces(active_task, model, data, room);
+    else if (active_task != NULL) active_task->status = FIELDMAP_NO_MEMORY;
+    if (room != few) free(room);
 }
 
 /* magnets: tuples (body, number, freedom). */
@@ -33,6 +40,7 @@ static void read_magnets(reader *from, fieldmap_mujoco_task *task)
         PyObject *body;
         if (PyArg_ParseTuple(PyTuple_GetItem(magnets, n), "Oii", &body, &read[n].number, &read[n].freedom))
             read[n].body = (const fieldmap_magnetic_body *)PyCapsule_GetPointer(body, BODY);
+        if (!PyErr_Occurred()) task->points += fieldmap_body_points(read[n].body);
     }
     task->magnets = read, task->count = (int)count;
 }
@@ -88,7 +96,7 @@ static PyObject *mujoco_begin(PyObject *self, PyObject *const *args, Py_ssize_t 
     Py_RETURN_NONE;
 }
 
-/* mujoco_fault(task): None, or the number of the magnet that left the map, and where in it (3,). */
+/* mujoco_fault(task): None, or the status of a fault, the number of the magnet that has it, and where in the map (3,). */
 static PyObject *mujoco_fault(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 1);
@@ -101,7 +109,7 @@ static PyObject *mujoco_fault(PyObject *self, PyObject *const *args, Py_ssize_t 
     place = new_array(1, 3, 0, &out);
     if (place == NULL) return NULL;
     memcpy(out, task->place, sizeof task->place);
-    return Py_BuildValue("(iN)", task->at_fault, place);
+    return Py_BuildValue("(iiN)", task->status, task->at_fault, place);
 }
 
 /* mujoco_callback(): the address of what MuJoCo calls. */

@@ -37,23 +37,31 @@ typedef struct fieldmap_rigid_body {
 } fieldmap_rigid_body;
 
 /* Load[6] at a state that is turned by r[9]: force, frame of the map, and torque about the centre of mass, frame of the
- * body, of all but losses. The status of the map, and what is touched. The load stays as it is where the field is not
- * known. */
+ * body, of all but losses, from the wrench[6] on the magnets. What is touched. */
+FIELDMAP_INLINE int fieldmap_load_of_wrench(const fieldmap_rigid_body *body, const fieldmap_state *state, const double *r,
+                                            const double *wrench, double *load)
+{
+    double torque[3];
+    int i;
+    for (i = 0; i < 3; i++) {
+        load[i] = wrench[i] + body->mass * body->gravity[i] + body->force[i];
+        torque[i] = wrench[3 + i] + body->torque[i];
+    }
+    fieldmap_to_body(r, torque, load + 3);
+    if (body->n_skin == 0) return FIELDMAP_FREE;
+    return fieldmap_add_contact(&body->walls, body->n_skin, body->skin, state->position, r, state->velocity,
+                                state->angular_velocity, load);
+}
+
+/* The same in a field; the status of the map. The load stays as it is where the field is not known. */
 FIELDMAP_INLINE int fieldmap_load_turned(const fieldmap_path *field, const fieldmap_rigid_body *body,
                                          const fieldmap_state *state, const double *r, double *load, int *touched)
 {
     double wrench[6];
-    int i, status;
+    const int status = fieldmap_body_wrench(field, &body->magnetic, state->position, r, wrench, NULL);
     *touched = FIELDMAP_FREE;
-    status = fieldmap_body_wrench(field, &body->magnetic, state->position, r, wrench, NULL);
-    if (status != FIELDMAP_OK) return status;
-    fieldmap_add(body->torque, wrench + 3);
-    for (i = 0; i < 3; i++) load[i] = wrench[i] + body->mass * body->gravity[i] + body->force[i];
-    fieldmap_to_body(r, wrench + 3, load + 3);
-    if (body->n_skin > 0)
-        *touched = fieldmap_add_contact(&body->walls, body->n_skin, body->skin, state->position, r, state->velocity,
-                                        state->angular_velocity, load);
-    return FIELDMAP_OK;
+    if (status == FIELDMAP_OK) *touched = fieldmap_load_of_wrench(body, state, r, wrench, load);
+    return status;
 }
 
 /* As fieldmap_load_turned, with the rotation of the state. */
@@ -157,15 +165,23 @@ FIELDMAP_INLINE int fieldmap_symmetric_step(const fieldmap_path *field, const fi
     return status;
 }
 
+/* Lengths of the symmetric steps that make one of second or fourth order, as shares of it. How many. */
+FIELDMAP_INLINE int fieldmap_parts_of_step(int order, double *lengths)
+{
+    const double x1 = 1.3512071919596578; /* 1 / (2 - 2^(1/3)) */
+    lengths[0] = lengths[2] = order == 2 ? 1.0 : x1, lengths[1] = 1.0 - 2.0 * x1;
+    return order == 2 ? 1 : 3;
+}
+
 /* A step of second or fourth order, the latter at weights that do not change. */
 static inline int fieldmap_step(const fieldmap_path *field, const fieldmap_rigid_body *body, fieldmap_state *state,
                                 double *load, double h, int order, int *touched)
 {
-    const double x1 = 1.3512071919596578, lengths[3] = {x1, 1.0 - 2.0 * x1, x1}; /* x1 = 1 / (2 - 2^(1/3)) */
+    double lengths[3];
+    const int parts = fieldmap_parts_of_step(order, lengths);
     int part, status = FIELDMAP_OK;
-    if (order == 2) return fieldmap_symmetric_step(field, body, state, load, h, 2, touched);
-    for (part = 0; part < 3 && status == FIELDMAP_OK; part++)
-        status = fieldmap_symmetric_step(field, body, state, load, lengths[part] * h, 4, touched);
+    for (part = 0; part < parts && status == FIELDMAP_OK; part++)
+        status = fieldmap_symmetric_step(field, body, state, load, lengths[part] * h, order, touched);
     return status;
 }
 

@@ -61,6 +61,7 @@ from fieldmap.dynamics.scenario import (
     run_metrics,
     simulate,
 )
+from fieldmap.dynamics.several_bodies import SeveralBodies, SeveralBodiesRun
 from fieldmap.dynamics.weight_balance import WeightBalance
 from fieldmap.levitation.lift import lift_shares
 
@@ -87,6 +88,8 @@ __all__ = [
     "ScenarioRun",
     "Schedule",
     "Sensors",
+    "SeveralBodies",
+    "SeveralBodiesRun",
     "Walls",
     "WeightBalance",
     "angular_momentum",

@@ -20,11 +20,13 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check, check_vector
 from fieldmap.core import CoreMap
 from fieldmap.core.mujoco import Layout, Magnet, Task, callback
+from fieldmap.core.several_bodies import UNSETTLED
 from fieldmap.errors import InputError
 from fieldmap.extras import require
 from fieldmap.field import coil_currents
 from fieldmap.lookup import FieldMap, MagneticBody, core_map
 from fieldmap.lookup.evaluation import outside_error
+from fieldmap.lookup.several_bodies import unsettled
 from fieldmap.typing import Array
 
 _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
@@ -39,9 +41,9 @@ class MagnetForces:
     magnets: per body, by name, its moment (3,) in A m^2 in the body's frame, at the body's origin, or a `MagneticBody`
     about it: a magnet of finite size, soft iron, several of them (`fieldmap.lookup.magnetic_body`). currents
     (n_coils,), A: assign `currents` between steps, as a controller does. offset (3,), m: where the map's origin lies in
-    the world. Axes of map and world are parallel, units SI. mutual: magnets act on each other, dipole by dipole; soft
-    iron feels the map's field alone. Raises InputError for a body that does not exist, and for moments, currents or an
-    offset that are not finite numbers of these shapes; FieldmapError without MuJoCo.
+    the world. Axes of map and world are parallel, units SI. mutual: bodies act on each other, with their soft iron, and
+    each feels the iron's reaction to all. Raises InputError for a body that does not exist, and for moments, currents
+    or an offset that are not finite numbers of these shapes; FieldmapError without MuJoCo.
 
     `compiled` says whether MuJoCo calls machine code; that is so unless the map is of saturating iron, or one that an
     evaluator other than the C core answers. compiled=False asks for Python. A callback serves any number of data and
@@ -49,6 +51,7 @@ class MagnetForces:
 
     A magnet that leaves the box feels nothing from there on, and `check`, or the end of the context, raises the
     OutsideMapError: an exception cannot pass through MuJoCo. With outside="clamp" it feels the field of the edge.
+    Soft iron that overlaps that of another body ends all forces in the same way, with NotConverged.
 
     >>> with MagnetForces(model, m, {"float": [0, 0, 0.8]}, currents) as magnets:          # doctest: +SKIP
     ...     for _ in range(1000):
@@ -177,7 +180,10 @@ class MagnetForces:
         """Raise what went wrong in the callback since it was entered, if anything did."""
         fault = None if self._error is not None or self._task is None else self._task.fault()
         if fault is not None:
-            self._error = outside_error(fault[1][None], 1, self._field.lower, self._field.upper)
+            status, _, place = fault
+            self._error = outside_error(place[None], 1, self._field.lower, self._field.upper)
+            if status == UNSETTLED:
+                self._error = unsettled("MagnetForces")
         if self._error is not None:
             raise self._error
 

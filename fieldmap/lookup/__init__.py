@@ -24,6 +24,7 @@ from fieldmap.lookup.iron_response import (
 )
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.lookup.payload import compiled_wrench, magnetic_body
+from fieldmap.lookup.several_bodies import SeveralForces, currents_for_several
 from fieldmap.lookup.soft_body import SoftPiece, demagnetising_factors, soft_piece, soft_sphere_force
 
 __all__ = [
@@ -35,12 +36,14 @@ __all__ = [
     "Jump",
     "MagneticBody",
     "MapAtCurrents",
+    "SeveralForces",
     "SoftPiece",
     "capability",
     "compiled_currents",
     "compiled_wrench",
     "core_map",
     "currents_for",
+    "currents_for_several",
     "demagnetising_factors",
     "field_actuation",
     "finite_magnet",

@@ -48,16 +48,29 @@ class Actuation(Record):
     @cached_property
     def null_space(self) -> Array:
         """Orthonormal currents (n_coils, k) that change none of the rows."""
-        length = np.linalg.norm(self.matrix, axis=1)
-        scaled = self.matrix / np.where(length > 0, length, 1.0)[:, None]
-        _, size, right = np.linalg.svd(scaled)
+        _, size, right = np.linalg.svd(self._scaled)
         rank = int(np.sum(size > RANK * size.max(initial=0.0)))
         return np.asarray(right[rank:].T)
+
+    @property
+    def _scaled(self) -> Array:
+        """The rows at length 1."""
+        length = np.linalg.norm(self.matrix, axis=1)
+        return np.asarray(self.matrix / np.where(length > 0, length, 1.0)[:, None])
 
     @property
     def rank(self) -> int:
         """How many independent combinations of the rows the currents command."""
         return self.matrix.shape[1] - self.null_space.shape[1]
+
+    @property
+    def condition(self) -> float:
+        """Largest singular value over the smallest, of the rows scaled to length 1; infinite unless currents command
+        every row by itself."""
+        if self.rank < len(self.rows):
+            return float("inf")
+        size = np.linalg.svd(self._scaled, compute_uv=False)
+        return float(size[0] / size[-1])
 
     def largest(self, directions: ArrayLike, limits: Limits) -> Array:
         """Largest component along given directions that currents within the limits give.

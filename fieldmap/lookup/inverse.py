@@ -10,7 +10,7 @@ parametrisation), and in where a search begins. A linear problem is solved at on
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from itertools import product
 
@@ -174,7 +174,7 @@ def _meeting(
 ) -> Array:
     """Currents (n_coils,), A, of least power that meet the rows of a demand."""
     names = field.coil_names
-    weight = _checked_weight(resistance, len(names))
+    weight = checked_weight(resistance, len(names))
     points, single = checked_vectors("position", position)
     if not single:
         received = f"shape {points.shape}"
@@ -188,6 +188,35 @@ def _meeting(
     low, high = checked_limits(limits, len(names))
     first = None if start is None else coil_currents(start, names)
     goal = Goal(demand, field.at(points), turn, Variables(names, low, high, weight), reacts)
+
+    def by_linear(linear: SumOfFields) -> Array:
+        return _meeting(linear, position, demand, limits, resistance, None, orientation)
+
+    return least_power_of(goal, field, first, by_linear)
+
+
+def least_power_of(
+    goal: Goal,
+    field: SumOfFields | SolvedField,
+    start: Array | None,
+    by_linear: Callable[[SumOfFields], Array],
+) -> Array:
+    """Currents (n_coils,), A, of least power that meet a goal in a field.
+
+    Parameters
+    ----------
+    start
+        Currents (n_coils,), A, at which a search begins.
+    by_linear
+        The same currents in a field that is linear about currents.
+
+    Raises
+    ------
+    Infeasible, NotConverged
+        As `FieldMap.currents_for`.
+    """
+    demand, names, first = goal.demand, field.coil_names, start
+    low, high = goal.variables.low, goal.variables.high
     model = field.iron.model if isinstance(field, SumOfFields) and field.iron is not None else None
     if isinstance(field, SumOfFields) and model is None and not demand.on_soft_iron:
         return linear_currents(goal)
@@ -195,8 +224,7 @@ def _meeting(
         first = np.clip(np.zeros(len(names)), low, high)
         if demand.on_soft_iron:
             # About no currents the force on soft iron has no derivative: the search begins where linear iron has it.
-            linear = field.linear_about(first)
-            first = _meeting(linear, position, demand, limits, resistance, None, orientation)
+            first = by_linear(field.linear_about(first))
     goal.variables = _variables(goal.variables, model, first)
     scale = _scale(goal.variables, model, first)
     saving = max(field.saving, _SAVING_ON_SOFT_IRON) if demand.on_soft_iron else field.saving
@@ -219,7 +247,7 @@ _REMEDY = "ask for less, or widen the limits (in Python start= begins at current
 _REMEDY_OF_START = "ask for less, widen the limits, or move start"
 
 
-def _checked_weight(resistance: ArrayLike | None, n_coils: int) -> Array:
+def checked_weight(resistance: ArrayLike | None, n_coils: int) -> Array:
     """Weights (n_coils,) of the squared currents. Raises InputError."""
     if resistance is None:
         return np.ones(n_coils)

@@ -9,8 +9,8 @@ import pytest
 
 import fieldmap as fm
 from fieldmap.device.model import MagnetCylinder
-from fieldmap.dynamics import RigidBody, energy, move, move_adaptively, state_of
-from fieldmap.errors import InputError, OutsideMapError
+from fieldmap.dynamics import RigidBody, SeveralBodies, energy, move, move_adaptively, state_of
+from fieldmap.errors import InputError, NotConverged, OutsideMapError
 from fieldmap.interop import MagnetForces
 from fieldmap.lookup import FiniteMagnet, magnetic_body, volume_rule
 from fieldmap.store import write_map
@@ -259,6 +259,34 @@ def test_magnets_on_each_other(ring):
     np.testing.assert_allclose(data.qfrc_passive, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
     with pytest.raises(InputError):
         MagnetForces(model, ring.map, MAGNETS, none, mutual=True, compiled=False)
+
+
+def test_bodies_on_each_other_near_iron(tmp_path):
+    """A magnet with a bead beside it, and a bead, below a core: as our simulator has them."""
+    path = fm.generate(fm.read_device("desk_levitator"), tmp_path / "map.h5", spacing=3e-3, progress=False)
+    field = fm.open_map(path)
+    pieces = [fm.PayloadPiece(fm.MagnetCylinder(4e-3, 4e-3, 1.2))]
+    pieces.append(fm.PayloadPiece(fm.SoftSphere(2e-3, STEEL), fm.placed([4e-3, 0, 1e-3])))
+    both, bead = magnetic_body(fm.Payload(MASS, pieces=pieces), 2), magnetic_body(fm.SoftSphere(4e-3, STEEL))
+    text = """<mujoco><worldbody>
+      <body name="a" pos="0.004 0 0.98"><freejoint/><geom size="0.002" mass="0.01"/></body>
+      <body name="b" pos="-0.003 0.002 0.976"><freejoint/><geom size="0.002" mass="0.01"/></body>
+    </worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text)
+    data, (low, offset) = mujoco.MjData(model), ([0.004, 0, -0.02], [0.0, 0.0, 1.0])
+    with MagnetForces(model, field, {"a": both, "b": bead}, [0.7], offset, mutual=True):
+        mujoco.mj_forward(model, data)
+    one, other = (RigidBody(MASS, np.full(3, 1e-6), magnet) for magnet in (both, bead))
+    loads = SeveralBodies(field, (one, other)).wrench([state_of(low), state_of([-0.003, 0.002, -0.024])], 0.7)
+    np.testing.assert_allclose(data.qfrc_passive, loads.ravel(), rtol=1e-9, atol=1e-15)
+    linear = magnetic_body(fm.SoftSphere(4e-3, mu_r=1e6))
+    data.qpos[7:10] = data.qpos[:3] + [0.0, 0.0, 1e-3]
+    with (
+        pytest.raises(NotConverged),
+        MagnetForces(model, field, {"a": linear, "b": linear}, [0.7], offset, mutual=True),
+    ):
+        mujoco.mj_forward(model, data)
+    assert not data.qfrc_passive.any()
 
 
 def test_energy_of_several_magnets_is_kept(ring):
