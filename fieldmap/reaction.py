@@ -14,6 +14,9 @@ import numpy as np
 
 from fieldmap.typing import Array
 
+IN_WORDS = "the iron's reaction to the magnets"
+"""Begins what results say of it: "in", with how large it is, or "left out"."""
+
 
 class Reaction(Protocol):
     """Fields b_k, T/sqrt(J), that span the iron's reaction, with signs s_k (k,), 1 or -1."""

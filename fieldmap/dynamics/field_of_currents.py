@@ -23,6 +23,7 @@ from fieldmap.lookup import FieldMap, interpolate, saturates, table_of_currents,
 from fieldmap.lookup.current_solver import COMPILED_TOLERANCE
 from fieldmap.lookup.evaluation import MapReaction, core_of
 from fieldmap.lookup.iron_response import compiled_currents
+from fieldmap.reaction import IN_WORDS
 from fieldmap.records import Record
 from fieldmap.store import Grid, MapData, Provenance
 from fieldmap.typing import Array
@@ -314,9 +315,12 @@ def _following(
     the iron."""
     check_positive("FieldOfCurrents", scale=scale)
     calibration = "" if scale == 1.0 else f"field of the map times {scale:g}, a calibration"
+    reaction = (
+        f"{IN_WORDS}: {'left out' if field_map.reaction is None else 'in'}" if field_map.has_iron else ""
+    )
     return FieldOfCurrents(
         unit_block(field_map) if block is None else block,
-        tuple(text for text in (note, calibration) if text),
+        tuple(text for text in (note, calibration, reaction) if text),
         scale,
         model,
         table,

@@ -22,7 +22,7 @@ from fieldmap.field import AnyField, Bounds, Field, as_field, require_bounds
 from fieldmap.levitation.places import box_of_centres, search_grid
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.lookup.payload import magnetic_body
-from fieldmap.reaction import own_force, own_slopes
+from fieldmap.reaction import IN_WORDS, own_force, own_slopes
 from fieldmap.typing import Array
 
 MagnetModel = Literal["fixed", "aligned", "rigid", "rigid upright"]
@@ -35,7 +35,6 @@ _TURNS = 60
 _STEPS = 20
 _CLOSE = 1e-10
 """Steps towards a place of balance by a finer rule, and one that is short, m."""
-_REACTION = "the iron's reaction to the magnets"
 _APART = 1e-5
 """Half the distance over which the force of the reaction is differenced, m."""
 _RIGID = 3
@@ -612,11 +611,11 @@ def reaction_stated(field: Field, payload: Payload, pulls: Iterable[float], wher
         One assumption; none of a field without iron.
     """
     if field.reaction is None:
-        return (f"{_REACTION}: left out",) if field.has_iron else ()
+        return (f"{IN_WORDS}: left out",) if field.has_iron else ()
     # That of induced moments is not told apart from the rest.
     found = list(pulls) if payload.moment else []
     share = f", {max(found) / (payload.mass * GRAVITY):.2g} of the weight {where}" if found else ""
-    return (f"{_REACTION}: in{share}",)
+    return (f"{IN_WORDS}: in{share}",)
 
 
 def force_stated(payload: Payload, moment: MagnetModel, errors: Iterable[float]) -> tuple[str, ...]:

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 _NO_LAW = (np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
 ASSUMPTION = (
-    "soft iron of the payload answers the field at its centre, undisturbed by its other pieces and by what it does to "
-    "the machine's iron; shares of the order (size / distance of the nearest source)^2 are left out"
+    "soft iron of the payload answers the field at its centre, undisturbed by its other pieces; shares of the order "
+    "(size / distance of the nearest source)^2 are left out"
 )
 
 
