@@ -19,7 +19,12 @@ MARKED = re.compile(
     re.DOTALL | re.MULTILINE,
 )
 MARKER = re.compile(r"^<!-- (?:runs|prints|shows|file).*-->$", re.MULTILINE)
-LANGUAGES = {"runs": {"python", "console"}, "prints": {"text"}, "shows": {"text"}, "file": {"toml", "csv", "c"}}
+LANGUAGES = {
+    "runs": {"python", "console"},
+    "prints": {"text"},
+    "shows": {"text"},
+    "file": {"toml", "csv", "c"},
+}
 WITH_EXAMPLES = [path for path in PAGES if MARKED.search(path.read_text())]
 
 
