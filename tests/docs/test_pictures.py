@@ -51,6 +51,7 @@ LONG = {
         ("part:S14_x_branches", "device:drive_unit", "recipe:division"),
     ),
     "five_coils.png": ("fieldmap show five_coils", ("device:five_coils",)),
+    "floating_disc.png": ("fieldmap show floating_disc", ("device:floating_disc",)),
     "joints_x.png": (
         "fieldmap thesis S14_x_joints --report report",
         ("part:S14_x_joints", "device:drive_unit_joints"),
@@ -111,7 +112,9 @@ def test_what_the_others_show_has_not_changed_since(name, hold_picture):
 
 
 @needs_opengl
-@pytest.mark.parametrize("name", ["desk_levitator.png", "drive_unit.png", "five_coils.png", "show.png"])
+@pytest.mark.parametrize(
+    "name", ["desk_levitator.png", "drive_unit.png", "five_coils.png", "floating_disc.png", "show.png"]
+)
 def test_the_device_is_drawn_as_in_the_pictures_of_it(name, hold_picture):
     """Solids, windings, arrows of the currents and the workspace; the field upon them takes a map."""
     scene = device_scene(read_device(LONG[name][1][0].removeprefix("device:")))
