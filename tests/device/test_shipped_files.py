@@ -191,7 +191,8 @@ def number_locations(data: dict) -> list[tuple]:
 
 def test_shipped_names_and_places():
     assert {*UNITS, "single_electromagnet", "loop_and_sphere"} <= set(shipped_names("geometry"))
-    assert shipped_names("geometry", "materials") == ["materials/steel_a3", "materials/steel_foot"]
+    materials = ["materials/cobalt_iron", "materials/steel_a3", "materials/steel_foot"]
+    assert shipped_names("geometry", "materials") == materials
     assert shipped_file("geometry", "drive_unit") == shipped_folder("geometry") / "drive_unit.toml"
     by_path = read_device(shipped_file("geometry", "drive_unit"))
     assert by_path.text == read_device("drive_unit").text == read_device("drive_unit.toml").text

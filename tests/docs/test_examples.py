@@ -5,6 +5,7 @@ import contextlib
 import io
 import re
 import shlex
+import subprocess
 import sys
 from pathlib import Path
 
@@ -18,7 +19,12 @@ MARKED = re.compile(
     re.DOTALL | re.MULTILINE,
 )
 MARKER = re.compile(r"^<!-- (?:runs|prints|shows|file).*-->$", re.MULTILINE)
-LANGUAGES = {"runs": {"python", "console"}, "prints": {"text"}, "shows": {"text"}, "file": {"toml", "csv"}}
+LANGUAGES = {
+    "runs": {"python", "console"},
+    "prints": {"text"},
+    "shows": {"text"},
+    "file": {"toml", "csv", "c"},
+}
 WITH_EXAMPLES = [path for path in PAGES if MARKED.search(path.read_text())]
 
 
@@ -30,8 +36,11 @@ def run_commands(block: str) -> None:
     """The lines of a terminal, each as the program would take it, in this process."""
     for line in re.findall(r"^\$ (.*)$", block, re.MULTILINE):
         words = shlex.split(line)
-        assert words[0] == "fieldmap", line
-        assert main(words[1:]) == 0, line
+        if words[0] == "fieldmap":
+            assert main(words[1:]) == 0, line
+        else:  # the compiler, and what it made
+            assert words[0] == "cc" or words[0].startswith("./"), line
+            print(subprocess.run(words, check=True, capture_output=True, text=True).stdout, end="")
 
 
 def shows(expected: str, printed: str) -> None:

@@ -110,7 +110,7 @@ def test_the_first_picture_suits_light_and_dark_pages_and_leads_somewhere():
     picture = re.search(r'<a href="([^"]+)"><picture>(.*?)</picture></a>', README, re.DOTALL)
     assert picture
     page, *files = picture[1], *re.findall(r'src(?:set)?="([^"]+)"', picture[2])
-    assert files == ["docs/images/drive_unit_dark.png", "docs/images/drive_unit.png"]
+    assert files == ["docs/images/desk_levitator_dark.png", "docs/images/desk_levitator.png"]
     assert [place for place in (page, *files) if not (ROOT / place).is_file()] == []
 
 

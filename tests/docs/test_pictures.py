@@ -41,6 +41,7 @@ LONG = {
         "fieldmap app maps/out/workspace.h5 --force-scale 2.1",
         ("device:drive_unit", "recipe:workspace"),
     ),
+    "desk_levitator.png": ("fieldmap show desk_levitator", ("device:desk_levitator",)),
     "drive_unit.png": (
         "python scripts/view.py drive_unit maps/out/workspace.h5 --amperes 1.5",
         ("device:drive_unit",),
@@ -49,6 +50,8 @@ LONG = {
         "fieldmap thesis S14_x_branches --report report",
         ("part:S14_x_branches", "device:drive_unit", "recipe:division"),
     ),
+    "five_coils.png": ("fieldmap show five_coils", ("device:five_coils",)),
+    "floating_disc.png": ("fieldmap show floating_disc", ("device:floating_disc",)),
     "joints_x.png": (
         "fieldmap thesis S14_x_joints --report report",
         ("part:S14_x_joints", "device:drive_unit_joints"),
@@ -109,10 +112,12 @@ def test_what_the_others_show_has_not_changed_since(name, hold_picture):
 
 
 @needs_opengl
-@pytest.mark.parametrize("name", ["drive_unit.png", "show.png"])
+@pytest.mark.parametrize(
+    "name", ["desk_levitator.png", "drive_unit.png", "five_coils.png", "floating_disc.png", "show.png"]
+)
 def test_the_device_is_drawn_as_in_the_pictures_of_it(name, hold_picture):
     """Solids, windings, arrows of the currents and the workspace; the field upon them takes a map."""
-    scene = device_scene(read_device("drive_unit"))
+    scene = device_scene(read_device(LONG[name][1][0].removeprefix("device:")))
     command = f"FIELDMAP_PICTURES=both {LONG[name][0]}"
     hold_picture(name, command, "scene", scene_record(scene))
     with scene_in_the_dark(scene):

@@ -119,6 +119,12 @@ def test_a_body_of_magnets_floats_where_the_coils_carry_it(name):
     assert offs[2] < 1e-8
 
 
+def test_the_shipped_disc_floats_where_this_one_does():
+    device = fm.read_device("floating_disc")
+    found = find_equilibrium(as_field(CoilSet(device.coils, BOX)), EQUAL, device.payload)
+    np.testing.assert_allclose(found.position, height("disc"), atol=1e-8)
+
+
 @pytest.fixture(scope="module")
 def opened():
     """A map of the coils with cells of 4 mm."""
