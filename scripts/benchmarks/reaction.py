@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 import fieldmap as fm
+from fieldmap.lookup import FieldMap
 
 WANTED = {"map": 1.5, "coarse map": 2.0, "wrench": 2.0}
 """How many times as much with it may cost."""
@@ -58,7 +59,7 @@ def _row(case: str, folder: Path) -> Row:
         iron = {"reaction": reaction, "refinement": refinement}
         fm.generate(device, path, resume=False, progress=False, spacing=spacing, iron=iron, accept_error=True)
 
-    def ask(field: fm.FieldMap) -> float:
+    def ask(field: FieldMap) -> float:
         place, moment = 0.5 * (field.lower + field.upper) + 1e-3, np.array([0.0, 0.1, 1.0])
         currents = np.full(len(field.coil_names), 0.5)
 
