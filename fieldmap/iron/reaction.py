@@ -38,7 +38,7 @@ TOLERANCE = 1e-4
 """Of the solves for single dipoles: it changes the reaction by less (drive unit, eight coils: 5e-5)."""
 
 # Dipoles along every edge of the box; whose fields at the iron are within this share of the first are left out.
-_PER_EDGE, _SPANNED = 6, 1e-2
+_PER_EDGE, _SPANNED = 6, 3e-3
 # Faces of the iron that tell whether they are.
 _FACES = 1000
 # Places and directions this near, as shares, are the same.
@@ -130,7 +130,7 @@ def reaction_fields(
     solve: Solve,
     faces: ChargedFaces,
     box: tuple[Array, Array],
-    share: float = 5e-3,
+    share: float = 2e-3,
     others: Iterable[Solve] = (),
     images: Sequence[Image] = (),
 ) -> ReactionFields | None:

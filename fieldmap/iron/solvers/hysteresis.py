@@ -315,7 +315,7 @@ class HysteresisSolver(MeshedDevice):
         """
         return self._energy_operator(memory.currents, memory.potential, memory.material)
 
-    def reaction_in(self, box: Bounds, share: float = 5e-3) -> ReactionFields | None:
+    def reaction_in(self, box: Bounds, share: float = 2e-3) -> ReactionFields | None:
         """The reaction of iron that was never magnetised to magnets in a box, to first order in their moments and by
         the anhysteretic law.
 

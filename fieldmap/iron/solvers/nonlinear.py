@@ -482,7 +482,7 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
         return self._energy_operator(currents, potential, self._material)
 
     def reaction_in(
-        self, box: Bounds, share: float = 5e-3, others: Sequence[Array] = (), currents: Array | None = None
+        self, box: Bounds, share: float = 2e-3, others: Sequence[Array] = (), currents: Array | None = None
     ) -> ReactionFields | None:
         """The reaction of the iron in a state to magnets in a box, to first order in their moments.
 
