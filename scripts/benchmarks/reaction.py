@@ -88,7 +88,8 @@ def measure(quick: bool) -> dict[str, Any]:
 
 def show(result: dict[str, Any], console: Console) -> None:
     """Print the table."""
-    table = Table(title="the iron's reaction to magnets")
+    wanted = ", ".join(f"{what} {times:g}" for what, times in WANTED.items())
+    table = Table(title="the iron's reaction to magnets", caption=f"wanted, times at most: {wanted}")
     for name in ("device", "fields", "map, s", "with it, s", "times", "wrench, ns", "with it, ns", "times"):
         table.add_column(name, justify="left" if name == "device" else "right")
     for row in result["rows"]:

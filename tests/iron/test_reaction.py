@@ -59,16 +59,6 @@ def test_ball(mu_r, within):
     assert found.asymmetry < 1e-3
 
 
-def test_reciprocity_of_single_solves():
-    """What a dipole at x sees of one at y is what that one sees of it; the fields have it built in."""
-    _, found = solve_linear_and_reaction(ball(fm.LinearMaterial("iron", 100.0)), box=BOX)
-    b, _ = found.fields(np.array([[0.001, 0.002, -0.036], [-0.003, 0.0, -0.044]]))
-    there = np.einsum("k,ki,kj->ij", found.signs, b[:, 0], b[:, 1])
-    back = np.einsum("k,ki,kj->ij", found.signs, b[:, 1], b[:, 0])
-    assert there == pytest.approx(back.T, rel=1e-12)
-    assert found.asymmetry < 1e-4
-
-
 def test_size_scales_out():
     """All lengths doubled: A falls by 8, the force by 16."""
     small, large = ball(fm.LinearMaterial("iron", 100.0)), ball(fm.LinearMaterial("iron", 100.0))
