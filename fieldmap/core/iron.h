@@ -988,10 +988,49 @@ static inline void fieldmap_iron_left_of_slope(const fieldmap_iron *map, fieldma
     for (i = 0; i < r; i++) residual[i] -= fieldmap_iron_product(map->air + (size_t)i * (size_t)r, s->change, r);
 }
 
+/* Fill linkages[n_coils], flux linkages that moments w J of the points add, times mu0, T^2 m^3/A: docs/theory/flux_linkage.md (3). */
+static inline void fieldmap_iron_link(const fieldmap_iron *map, const double *moments, double *linkages)
+{
+    const int coils = map->n_coils;
+    int c, i;
+    for (c = 0; c < coils; c++) linkages[c] = 0.0;
+    for (i = 0; i < 3 * map->p; i++)
+        for (c = 0; c < coils; c++) linkages[c] += map->source[(size_t)i * (size_t)coils + (size_t)c] * moments[i];
+}
+
+/* Fill linkages[n_coils], as fieldmap_iron_link, of the state of the last solve. */
+static inline void fieldmap_iron_linkages(fieldmap_iron_state *s, double *linkages)
+{
+    const fieldmap_iron *map = s->map;
+    int i;
+    for (i = 0; i < map->wide; i++) s->rest[i] = i < map->r ? s->amplitudes[(FIELDMAP_IRON_PASSED - 1) * map->r + i] : 0.0;
+    fieldmap_iron_evaluate(map, s, s->rest);
+    fieldmap_iron_link(map, s->vector, linkages);
+}
+
+/* Fill inductance[k * n_coils + coil] for all coils k, the derivatives of linkages of the iron by the current of a coil, times
+ * mu0. change: the derivative of the amplitudes, susceptible: that of the moments. Equation (4). */
+static inline void fieldmap_iron_inductance(const fieldmap_iron *map, fieldmap_iron_state *s, int coil, double *inductance)
+{
+    const int w = map->wide, coils = map->n_coils;
+    int i, k, p;
+    for (p = 0; p < map->p; p++) {
+        const float *g = map->gradients + 3 * (size_t)p * (size_t)w;
+        const double *d = s->susceptible + 6 * (size_t)p, *unit = map->source + 3 * (size_t)p * (size_t)coils;
+        double u[3], moved[3];
+        for (i = 0; i < 3; i++) u[i] = unit[i * coils + coil] - fieldmap_iron_mixed_dot(g + i * w, s->change, w);
+        moved[0] = d[0] * u[0] + d[1] * u[1] + d[2] * u[2];
+        moved[1] = d[1] * u[0] + d[3] * u[1] + d[4] * u[2];
+        moved[2] = d[2] * u[0] + d[4] * u[1] + d[5] * u[2];
+        for (k = 0; k < coils; k++)
+            for (i = 0; i < 3; i++) inductance[k * coils + coil] += unit[i * coils + k] * moved[i];
+    }
+}
+
 /* As fieldmap_iron_weights, to a hundredth of the tolerance; also fills slopes[n_coils * f + c] = d weights[f] / d currents[c],
- * 1/A. */
-static inline int fieldmap_iron_slopes(
-    fieldmap_iron_state *state, const double *currents, double *weights, double *slopes)
+ * 1/A, and, unless they are NULL, linkages[n_coils] and inductance[n_coils * n_coils] of the iron, times mu0. */
+static inline int fieldmap_iron_linked_slopes(fieldmap_iron_state *state, const double *currents, double *weights,
+    double *slopes, double *linkages, double *inductance)
 {
     const fieldmap_iron *map;
     int c, f, i, k, r, w, coils, status;
@@ -1006,6 +1045,8 @@ static inline int fieldmap_iron_slopes(
     for (i = 0; i < w; i++) state->rest[i] = i < r ? state->amplitudes[(FIELDMAP_IRON_PASSED - 1) * r + i] : 0.0;
     fieldmap_iron_field_at(map, state, state->rest);
     fieldmap_iron_tangent(map, state, coils);
+    if (linkages != NULL) fieldmap_iron_link(map, state->moved, linkages);
+    for (f = 0; f < (inductance != NULL ? coils * coils : 0); f++) inductance[f] = 0.0;
     for (c = 0; c < coils; c++) {
         slopes[c * coils + c] = 1.0;
         for (i = 0; i < r; i++) state->left[i] = (double)state->sides[(size_t)c * (size_t)w + (size_t)i];
@@ -1019,8 +1060,16 @@ static inline int fieldmap_iron_slopes(
         }
         for (f = 0; f < map->k; f++)
             slopes[(coils + f) * coils + c] = fieldmap_iron_product(map->output + (size_t)f * (size_t)r, state->change, r);
+        if (inductance != NULL) fieldmap_iron_inductance(map, state, c, inductance);
     }
     return status;
+}
+
+/* As fieldmap_iron_linked_slopes, without linkages. */
+static inline int fieldmap_iron_slopes(
+    fieldmap_iron_state *state, const double *currents, double *weights, double *slopes)
+{
+    return fieldmap_iron_linked_slopes(state, currents, weights, slopes, NULL, NULL);
 }
 
 #endif

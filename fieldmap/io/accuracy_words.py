@@ -46,8 +46,21 @@ def accuracy_words(summary: MapSummary) -> Iterator[tuple[str, str]]:
     yield "interpolation", _interpolation(summary)
     if summary.domain is not None:
         yield "current model", _current_model(summary)
+    report = summary.info.provenance.solver_report
+    if "linkage_error" in report:
+        yield "linkages", _linkages(**report["linkage_error"])
+    if "without_linkage" in report:
+        yield "linkages", f"none: {report['without_linkage']}"
     if summary.reaction is not None:
         yield "reaction", _reaction(summary.reaction, summary.payload)
+
+
+def _linkages(share: float, states: int, inductance_share: float, inductance_states: int) -> str:
+    """Errors of the flux linkages and inductances that saturating iron adds."""
+    return (
+        f"largest error {100 * share:.2g} % of the iron's largest flux linkage, at {states} states at random, "
+        f"{100 * inductance_share:.2g} % of the largest inductance, at {inductance_states} of them"
+    )
 
 
 def _reaction(of: ReactionOfMap, payload: Payload | None) -> str:

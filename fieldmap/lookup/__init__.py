@@ -12,6 +12,7 @@ from fieldmap.lookup.current_table import CurrentTable
 from fieldmap.lookup.evaluation import Evaluator, MapAtCurrents
 from fieldmap.lookup.field_map import FieldMap, interpolate, open_map
 from fieldmap.lookup.finite_magnet import FiniteMagnet, finite_magnet, volume_rule
+from fieldmap.lookup.flux_linkage import back_emf, payload_linkage
 from fieldmap.lookup.inverse import currents_for
 from fieldmap.lookup.iron_response import (
     compiled_currents,
@@ -38,6 +39,7 @@ __all__ = [
     "MapAtCurrents",
     "SeveralForces",
     "SoftPiece",
+    "back_emf",
     "capability",
     "compiled_currents",
     "compiled_wrench",
@@ -52,6 +54,7 @@ __all__ = [
     "iron_weights",
     "magnetic_body",
     "open_map",
+    "payload_linkage",
     "saturates",
     "soft_piece",
     "soft_sphere_force",

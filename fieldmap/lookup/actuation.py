@@ -260,8 +260,8 @@ def dipole_rows(moment: Array) -> Array:
     return np.concatenate([force, np.hstack([turn, np.zeros((3, 9))])])
 
 
-def _derivatives(
-    source: Field, points: Array, currents: Any, loop: float | None
+def derivatives_by_currents(
+    source: Field, points: Array, currents: Any, loop: float | None = None
 ) -> tuple[Array, Array, Array, Array]:
     """B and gradient per ampere, (p, n, 3) and (p, n, 3, 3), at points (p, 3), and their rest (p, 3) and (p, 3, 3): the
     sum of both is the field at any currents, of saturating iron to first order about `currents`."""
@@ -293,7 +293,7 @@ def _on_body(
     coils = len(source.coil_names)
     amperes = np.zeros(coils) if currents is None else coil_currents(currents, source.coil_names)
     points = _one(position) + body.all_points @ turn.T
-    by_flux, by_slope, *rest = _derivatives(source, points, amperes, loop)
+    by_flux, by_slope, *rest = derivatives_by_currents(source, points, amperes, loop)
     # What the currents do not drive, or drive in another way than in proportion, is one more field, of weight 1.
     every = [np.concatenate([a, b[:, None]], axis=1) for a, b in zip((by_flux, by_slope), rest, strict=True)]
     reacts = reacting_at(source.reaction, points)
@@ -321,7 +321,7 @@ def _selected(
 ) -> Actuation:
     """selection (rows, 12) of (B, G row by row) and its derivatives by the currents."""
     source = as_field(field)
-    by_flux, by_slope, flux, slope = _derivatives(source, _one(position)[None], currents, loop)
+    by_flux, by_slope, flux, slope = derivatives_by_currents(source, _one(position)[None], currents, loop)
 
     def chosen(flux: Array, slope: Array) -> Array:
         both = np.concatenate([flux, slope.reshape(*flux.shape[:-1], 9)], axis=-1)

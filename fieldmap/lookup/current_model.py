@@ -29,6 +29,8 @@ _TIGHT, _OF_SEARCH = 1e-8, 1e-10
 _OF_LOOKUPS = 5e-7
 # Of steps to the ends of small loops, which differ little from each other.
 _OF_LOOPS = 1e-10
+# Of flux linkages, whose error is of the first order in that of the state.
+_OF_LINKAGES = 1e-10
 # Size of a loop, as a share of the largest currents, after which no cell stands at the end of its play.
 _FREEING = 1e-5
 _REMEDY = 'make a map with a wider [currents], or open this one with outside_currents="evaluate"'
@@ -182,6 +184,21 @@ class CurrentModel:
         stand there would move at the same currents is rounding."""
         swing = _FREEING * self.model.domain.largest
         return self.along(self.last_currents + np.outer([1.0, -1.0, 0.0], swing), _OF_LOOPS)
+
+    def linkages(self, currents: Array, inductance: bool = False) -> tuple[Array, Array]:
+        """What the iron adds to the flux linkages (c,), Wb, at currents (c,), and to their derivatives (c, c) by the
+        currents, H, which are zero unless asked for: docs/theory/flux_linkage.md (3), (4).
+
+        Raises OutsideMapError for currents beyond the domain unless `outside` is "evaluate", and NotConverged.
+        """
+        if self._outside != "evaluate" and (problem := self._outside_domain(currents)) is not None:
+            raise OutsideMapError(problem)
+        (state, _), coils = self._beginning("tight"), len(currents)
+        added, slopes = np.empty(coils), np.zeros((coils, coils))
+        amperes, of_slopes = np.array(currents, dtype=np.float64), slopes if inductance else None
+        if state.linkages(amperes, added, of_slopes, tolerance=_OF_LINKAGES) != FOUND:
+            raise not_converged(currents, state.left)
+        return added / MU0, slopes / MU0
 
     def search(self) -> CurrentSearch:
         """A new search. It ends an earlier search in this thread: both use the same memory."""

@@ -34,11 +34,12 @@ from fieldmap.lookup.evaluation import (
     MapReaction,
     in_chunks,
 )
+from fieldmap.lookup.flux_linkage import back_emf, payload_linkage
 from fieldmap.lookup.inverse import least_power_currents
 from fieldmap.lookup.inverse_problem import SumOfFields
 from fieldmap.lookup.magnetic_body import MagneticBody, loaded
 from fieldmap.records import card, count_of
-from fieldmap.store import FieldError, MapData, MapInfo, read_map, warn_of_missed_accuracy
+from fieldmap.store import FieldError, MapData, MapInfo, StoredLinkage, read_map, warn_of_missed_accuracy
 from fieldmap.threads import most_threads
 from fieldmap.typing import Array, PathLike
 
@@ -125,6 +126,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         # A field of weight 1 behind those of the coils. A model of the iron includes this field in its weights.
         self._constant = data.constant_field and data.reduced_model is None
         self._form: Form = replace(INTERPOLANTS[kind].form(data, outside), constant=self._constant)
+        self._linkage = data.linkage
         self._reaction: MapReaction | None = None
         if reaction and data.reaction is not None:
             self._reaction = MapReaction(data.reaction, data.grid, kind, self._box)
@@ -790,6 +792,123 @@ class FieldMap(Field, own_shapes=ONE_POINT):
             For a loop that is not positive.
         """
         return actuation(self, position, currents, moment, orientation, loop)
+
+    def flux_linkage(
+        self,
+        currents: Any,
+        position: ArrayLike | None = None,
+        moment: ArrayLike | MagneticBody | None = None,
+        orientation: ArrayLike | None = None,
+    ) -> Array:
+        """Flux linkages of the coils, all turns; with a payload those that it adds, too.
+
+        They are derivatives of the same co-energy of which force and torque are, docs/theory/flux_linkage.md. The iron
+        does not know the payload: what this changes in it is the share `reaction`, which no current changes.
+
+        Parameters
+        ----------
+        currents
+            Currents, A: (n_coils,), one number for all coils, or a mapping by name.
+        position
+            Position (3,) of a payload in the frame of the field, m; no payload unless given.
+        moment
+            Of a dipole (3,), A m^2, or a `MagneticBody`.
+        orientation
+            Of a body: rotation (3, 3) whose columns are its axes; upright unless given.
+
+        Returns
+        -------
+        Array
+            Linkages (n_coils,), Wb.
+
+        Raises
+        ------
+        InputError
+            For a map without linkages, which the message gives the reason of.
+        OutsideMapError
+            For currents beyond the domain of a map of saturating iron, and for a position outside the box.
+
+        Examples
+        --------
+        >>> m = open_map("maps/out/desk_levitator.h5")                                # doctest: +SKIP
+        >>> m.flux_linkage(1.0), m.flux_linkage(0.0, [0, 0, -0.02], [0, 0, 1.2])      # doctest: +SKIP
+        """
+        amperes, known = coil_currents(currents, self.coil_names), self._linkages()
+        found = known.constant + known.inductance @ amperes
+        if self._model is not None:
+            found = found + self._model.linkages(amperes)[0]
+        if position is None or moment is None:
+            return np.asarray(found)
+        return np.asarray(found + payload_linkage(self, position, amperes, moment, orientation))
+
+    def inductance(self, currents: Any = 0.0) -> Array:
+        """Incremental inductances: the derivatives of `flux_linkage`, without a payload, by the currents.
+
+        Of iron with hysteresis those of smallest loops from the memory.
+
+        Parameters
+        ----------
+        currents
+            Currents, A: (n_coils,), one number for all coils, or a mapping by name. Linear iron has the same at all.
+
+        Returns
+        -------
+        Array
+            (n_coils, n_coils), H, symmetric.
+
+        Raises
+        ------
+        InputError, OutsideMapError
+            As for `flux_linkage`.
+        """
+        known = self._linkages()
+        if self._model is None:
+            return known.inductance
+        added = self._model.linkages(coil_currents(currents, self.coil_names), inductance=True)[1]
+        return np.asarray(known.inductance + 0.5 * (added + added.T))
+
+    def back_emf(
+        self,
+        position: ArrayLike,
+        currents: Any,
+        moment: ArrayLike | MagneticBody,
+        velocity: ArrayLike,
+        angular_velocity: ArrayLike = (0.0, 0.0, 0.0),
+        orientation: ArrayLike | None = None,
+    ) -> Array:
+        """Voltages that the motion of a payload induces in the coils at constant currents: see
+        `fieldmap.lookup.back_emf`.
+
+        Parameters
+        ----------
+        position, currents, moment, orientation
+            As for `flux_linkage`.
+        velocity
+            Of the position (3,), m/s.
+        angular_velocity
+            (3,), rad/s, in the frame of the field.
+
+        Returns
+        -------
+        Array
+            Voltages (n_coils,), V.
+
+        Raises
+        ------
+        OutsideMapError
+            As for `flux_linkage`.
+        """
+        return back_emf(self, position, currents, moment, velocity, angular_velocity, orientation)
+
+    def _linkages(self) -> StoredLinkage:
+        if self._linkage is not None:
+            return self._linkage
+        lacking = self._info.provenance.solver_report.get("without_linkage")
+        received = f"one without: {lacking}" if lacking else "one of an earlier version, without"
+        must_hold, remedy = "a map with the flux linkages of its coils", "make the map again"
+        if lacking:
+            remedy = "correct the device and make the map again"
+        raise InputError.of("flux linkages", must_hold, received, remedy)
 
     def currents_for(
         self,

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check, check_signal, checked_vectors
+from fieldmap.arguments import check, check_signal, check_vector, checked_vectors
 from fieldmap.core.body import CoreBody
 from fieldmap.errors import InputError
 from fieldmap.field import AnyField, Field, as_field, coil_currents
@@ -55,6 +55,28 @@ class MagneticBody(Record):
         check(fits, "MagneticBody(points, moments)", "must both have the shape (q, 3)", received, remedy)
         check_signal("MagneticBody(points)", self.points)
         check_signal("MagneticBody(moments)", self.moments)
+
+    @classmethod
+    def dipole(cls, moment: ArrayLike) -> MagneticBody:
+        """One dipole at the centre.
+
+        Parameters
+        ----------
+        moment
+            (3,), A m^2, in the body's frame.
+
+        Returns
+        -------
+        MagneticBody
+            The body.
+
+        Raises
+        ------
+        InputError
+            For what is not three finite numbers.
+        """
+        given = check_vector("MagneticBody.dipole(moment)", moment, "give x, y, z in A m^2")
+        return cls(np.zeros((1, 3)), given[None])
 
     @property
     def moment(self) -> float:
@@ -159,6 +181,25 @@ class MagneticBody(Record):
         _, turn, flux, _, _, single = self._asked(field, positions, currents, orientations)
         dipoles = self._moments(turn, flux)[0][:, len(self.points) :]
         return dipoles[0] if single else dipoles
+
+    def dipoles(
+        self, field: AnyField, position: ArrayLike, currents: Any, orientation: ArrayLike | None = None
+    ) -> tuple[Array, Array]:
+        """The dipoles that stand for the body at one position, those of soft iron magnetised by the field.
+
+        Parameters
+        ----------
+        field, position, currents, orientation
+            As for `stiffness`.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            Points (count, 3), m, and moments (count, 3), A m^2, in the frame of the field.
+        """
+        place = np.reshape(position, (1, 3))
+        arms, turn, flux, _, _, _ = self._asked(field, place, currents, orientation)
+        return place + arms[0], self._moments(turn, flux)[0][0]
 
     def whole_moment(
         self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
@@ -295,7 +336,7 @@ def loaded(field: Field, moment: ArrayLike | MagneticBody) -> ArrayLike | Magnet
     """A dipole's moment (3,) as a body where the iron of the field reacts to it; what is asked otherwise as it is."""
     if field.reaction is None or isinstance(moment, MagneticBody) or np.shape(moment) != (3,):
         return moment
-    return MagneticBody(np.zeros((1, 3)), np.asarray(moment, dtype=np.float64)[None])
+    return MagneticBody.dipole(moment)
 
 
 def reacting_at(reaction: Reaction | None, points: Array) -> tuple[int, Array, Array] | None:

@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from fieldmap.constants import MU0
 from fieldmap.currents import CurrentDomain, parametrisation_from_json
 from fieldmap.device.model import Background, Coil, Device
 from fieldmap.iron import LinearSolution, NonlinearSolver, SolverReport
@@ -30,7 +31,8 @@ from fieldmap.maps.training.training import train
 from fieldmap.parallel import Common, Workers
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_density_and_gradient
-from fieldmap.store import Checkpoint, FieldError, Grid, ReducedModel
+from fieldmap.sources.inductance import background_linkage, bare_inductance
+from fieldmap.store import Checkpoint, FieldError, Grid, ReducedModel, StoredLinkage
 from fieldmap.store.reduced_model import ARRAYS
 from fieldmap.store.stated_accuracy import HELD_OUT
 from fieldmap.typing import Array, Progress
@@ -69,7 +71,9 @@ def to_arrays(solution: LinearSolution) -> Kept:
     """Arrays and a plain description of a solution of linear iron."""
     state = solution.state
     about = {"has_remanence": solution.has_remanence, "report": asdict(solution.report)}
-    return {} if state is None else _faces_to(state.faces, state.density), about
+    if state is None or solution.iron_linkage is None:
+        return {}, about
+    return _faces_to(state.faces, state.density) | {"iron_linkage": solution.iron_linkage}, about
 
 
 def reaction_arrays(reaction: ReactionFields | None) -> Kept:
@@ -87,13 +91,27 @@ def reaction_from(arrays: Mapping[str, Array], about: Mapping[str, Any]) -> Reac
 
 def from_arrays(device: Device, arrays: Mapping[str, Array], about: Mapping[str, Any]) -> LinearSolution:
     """The solution of `to_arrays`; KeyError or TypeError if the arrays are another solver's."""
-    report, state = SolverReport.from_dict(about["report"]), None
+    report, state, linkage = SolverReport.from_dict(about["report"]), None, None
     if arrays:
         faces, density = _faces_from(arrays)
         unknown = np.empty((len(density), 0, 3))
         state = IronState(faces, density, unknown, report.iterations, (report.residual,))
+        linkage = arrays["iron_linkage"]
     remanence, more = bool(about["has_remanence"]), (device.sections, device.bounds, device.background)
-    return LinearSolution(device.coils, None, state, remanence, report, None, *more)
+    return LinearSolution(device.coils, None, state, remanence, report, linkage, *more)
+
+
+def linkage_of(solution: LinearSolution) -> StoredLinkage:
+    """The flux linkages of the coils in linear iron. Raises InputError for coils without a self-inductance."""
+    matrix = solution.inductance()
+    return StoredLinkage(0.5 * (matrix + matrix.T), solution.flux_linkage(0.0))
+
+
+def linkage_in_air(device: Device, remanent: Array) -> StoredLinkage:
+    """The share of the flux linkages that a model of saturating iron does not have, remanent (c,) as `GalerkinModel`
+    has it. Raises InputError for coils without a self-inductance."""
+    of_background = background_linkage(device.coils, device.background)
+    return StoredLinkage(bare_inductance(device.coils), remanent / MU0 + of_background)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,9 +139,10 @@ class SaturatingFields(Record):
 @dataclass(frozen=True, eq=False, repr=False)
 class TrainedMap(Record):
     """A trained model, the fields that go with it, their largest weights at the currents of the domain, its largest
-    error, and what training found and cost, for the map's report."""
+    error, and what training found and cost, for the map's report. remanent (c,): as `GalerkinModel` has it."""
 
     model: ReducedModel
+    remanent: Array
     fields: SaturatingFields
     largest_weights: Array
     error: FieldError | None
@@ -142,6 +161,7 @@ def trained_map(device: Device, arrays: Mapping[str, Array], about: Mapping[str,
             **{name: arrays[name] for name in ARRAYS},  # type: ignore[arg-type]
             parametrisation=parametrisation,
         ),
+        arrays["remanent"],
         SaturatingFields(device.coils, *_faces_from(arrays), report, background),
         np.array(about["largest_weights"] + ([] if background is None else [1.0])),
         FieldError(**largest) if tried else None,
@@ -212,7 +232,8 @@ def trained_arrays(
         **trained.about,
         **spent.read(),
     }
-    return trained.model.arrays | _faces_to(surface, trained.charge), about
+    arrays = trained.model.arrays | {"remanent": trained.remanent}
+    return arrays | _faces_to(surface, trained.charge), about
 
 
 def _solver(device: Device, refinement: float, say: Progress | None = None) -> NonlinearSolver:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeAlias
@@ -17,7 +18,7 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import raise_all
 from fieldmap.currents import CurrentDomain, LiftAndDirections
 from fieldmap.device.model import Device, WorkspaceBox
-from fieldmap.errors import FieldmapError, MapFileError, RecipeError
+from fieldmap.errors import FieldmapError, InputError, MapFileError, RecipeError
 from fieldmap.inputs.document import AtKey
 from fieldmap.iron import LinearSolution, check_geometry
 from fieldmap.iron.reaction import ReactionFields
@@ -32,6 +33,8 @@ from fieldmap.maps.fields import (
     Stopwatch,
     from_arrays,
     kept,
+    linkage_in_air,
+    linkage_of,
     peak_memory,
     reaction_arrays,
     reaction_from,
@@ -60,6 +63,7 @@ from fieldmap.store import (
     MapInfo,
     MapWriter,
     Provenance,
+    StoredLinkage,
     StoredReaction,
     checkpoint_path,
     read_info,
@@ -275,7 +279,8 @@ def _linear(order: Recipe, device: Device, writer: MapWriter, workers: Workers, 
         return to_arrays(solution)
 
     solution = from_arrays(device, *kept(checkpoint, "solution", solve))
-    _fill(writer, solution, workers, writer.info.field_scale, forecast)
+    linkage = partial(linkage_of, solution)
+    _fill(writer, solution, linkage, workers, writer.info.field_scale, forecast)
 
 
 def _saturating(
@@ -304,12 +309,15 @@ def _saturating(
     accepted = require_accuracy(trained.about, plan, writer.target, accept_error)
     spent = Stopwatch(workers, *(trained.about[name] for name in SPENT))
     writer.info = replace(info, reduced_model=trained.model, current_error=trained.error)
-    _fill(writer, trained.fields, workers, trained.largest_weights, forecast, trained.about, spent, accepted)
+    linkage = partial(linkage_in_air, device, trained.remanent)
+    weights, about = trained.largest_weights, trained.about
+    _fill(writer, trained.fields, linkage, workers, weights, forecast, about, spent, accepted)
 
 
 def _fill(
     writer: MapWriter,
     fields: Fields,
+    linkage: Callable[[], StoredLinkage],
     workers: Workers,
     largest_weights: Array,
     forecast: Forecast,
@@ -333,7 +341,9 @@ def _fill(
         return flux, gradient
 
     reaction = reaction_from(*kept(writer.checkpoint, REACTION, reaction_arrays, None))
-    data = replace(writer.data(), reaction=_at_nodes(reaction, writer.info.grid, workers))
+    linkages, lacking = _known_linkage(linkage)
+    at_nodes = _at_nodes(reaction, writer.info.grid, workers)
+    data = replace(writer.data(), reaction=at_nodes, linkage=linkages)
     read = data.as_read()
     error = interpolation_error(read, unit_fields)
     bounds = certified_bounds(read, unit_fields, largest_weights)
@@ -342,6 +352,8 @@ def _fill(
     assumptions = report.pop("assumptions")
     if reaction is not None:
         report["reaction"] = {"fields": len(reaction.charge), **reaction_arrays(reaction)[1]}
+    if lacking:
+        report["without_linkage"] = lacking
     if spent is not None:
         report |= {**spent.read(), **peak_memory()}
     if accepted is not None:
@@ -351,6 +363,14 @@ def _fill(
     # The workers and the machine that finished it. They do not affect its numbers if all processors are of one kind.
     report |= {"workers": str(workers), "machine": f"{platform.system()}, {platform.machine()}"}
     writer.finish(report, assumptions, error, bounds, data)
+
+
+def _known_linkage(linkage: Callable[[], StoredLinkage]) -> tuple[StoredLinkage | None, str]:
+    """The flux linkages, or why there are none: some coils have no self-inductance."""
+    try:
+        return linkage(), ""
+    except InputError as error:
+        return None, str(error)
 
 
 def _at_nodes(reaction: ReactionFields | None, grid: Grid, workers: Workers) -> StoredReaction | None:

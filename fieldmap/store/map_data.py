@@ -245,6 +245,39 @@ class StoredReaction(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class StoredLinkage(Record):
+    """Flux linkages of c coils as a map holds them: docs/theory/flux_linkage.md.
+
+    Attributes
+    ----------
+    inductance : (c, c), H, symmetric: of linear iron and coils; where iron saturates, of the coils in air.
+    constant : (c,), Wb: of magnets and background with all currents off; where iron saturates, without the flux of the
+        iron that they magnetise.
+
+    Raises
+    ------
+    InputError
+        If shapes do not fit, numbers are not finite, or the matrix is not symmetric.
+    """
+
+    inductance: Array
+    constant: Array
+
+    def __post_init__(self) -> None:
+        matrix, constant = (np.array(x, dtype=np.float64) for x in (self.inductance, self.constant))
+        fits = constant.ndim == 1 and matrix.shape == (*constant.shape, *constant.shape)
+        received = f"shapes {matrix.shape} and {constant.shape}"
+        _check(fits, "linkages", "an inductance (c, c) and a linkage (c,)", received)
+        largest = np.abs(matrix).max(initial=0.0)
+        good = np.isfinite(largest) and np.isfinite(constant).all()
+        good = good and np.abs(matrix - matrix.T).max(initial=0.0) <= 1e-9 * largest
+        _check(good, "linkages", "finite, with a symmetric inductance", matrix)
+        for name, values in (("inductance", matrix), ("constant", constant)):
+            values.flags.writeable = False
+            object.__setattr__(self, name, values)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class MapData(MapInfo):
     """A map: fields on a grid, those of the coils per ampere.
 
@@ -256,6 +289,7 @@ class MapData(MapInfo):
     flux_density : (n_fields, nx, ny, nz, 3), T/A for coils.
     gradient : (n_fields, nx, ny, nz, 3, 3), T/(m A) for coils; gradient[..., i, j] = dB_i/dx_j.
     reaction : of the iron to magnets; None where it is not known.
+    linkage : of the coils; None where it is not known.
 
     Raises
     ------
@@ -266,6 +300,7 @@ class MapData(MapInfo):
     flux_density: Array = field(kw_only=True)
     gradient: Array = field(kw_only=True)
     reaction: StoredReaction | None = field(kw_only=True, default=None)
+    linkage: StoredLinkage | None = field(kw_only=True, default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -274,6 +309,9 @@ class MapData(MapInfo):
             wanted = (len(self.field_names), *self.grid.shape, *tail)
             _check(values.shape == wanted, name, f"shape {wanted}", f"shape {values.shape}")
             object.__setattr__(self, name, values)
+        if self.linkage is not None:
+            coils, received = len(self.coil_names), len(self.linkage.constant)
+            _check(received == coils, "linkages", f"those of {coils} coils", f"those of {received}")
 
     def as_read(self) -> "MapData":
         """The map with the rounding of a file: its fields are multiplied by their scale and divided by it again."""

@@ -23,9 +23,10 @@ from fieldmap.errors import InputError, MapFileError, Problem
 from fieldmap.file_contents import file_in_words, head_of
 from fieldmap.shipped import is_file, shipped_file
 from fieldmap.store.checkpoint import SUFFIX
-from fieldmap.store.map_data import REACTION_FIELDS, Grid, MapData, MapInfo, StoredReaction
+from fieldmap.store.map_data import REACTION_FIELDS, Grid, MapData, MapInfo, StoredLinkage, StoredReaction
 from fieldmap.store.map_format import (
     DIVISION_EXPONENT,
+    LINKAGE,
     OWN,
     PARAMETRISATION,
     QUANTITIES,
@@ -157,7 +158,8 @@ def read_map(path: str | os.PathLike[str]) -> MapData:
                 check_attributes(file, quantity.path(record), wanted)
         arrays = {quantity.name: _values(file, quantity, records, info) for quantity in QUANTITIES}
         reaction = _read_reaction(file, info.grid) if is_hard(file, REACTION.strip("/")) else None
-        return MapData(**vars(info), **arrays, reaction=reaction)
+        linkage = _read_linkage(file) if is_hard(file, LINKAGE.strip("/")) else None
+        return MapData(**vars(info), **arrays, reaction=reaction, linkage=linkage)
 
 
 def read_info(path: str | os.PathLike[str]) -> MapInfo:
@@ -283,6 +285,12 @@ def _read_reaction(file: h5py.File, grid: Grid) -> StoredReaction:
     if len({len(values) for values in read.values()}) != 1 or repelled < 0:
         raise Refused(f"{REACTION}: as many gradients as flux densities", "other numbers", REMAKE)
     return StoredReaction(**read, repelled=repelled)
+
+
+def _read_linkage(file: h5py.File) -> StoredLinkage:
+    """Read the flux linkages of the coils. Raises Refused, or InputError if they do not fit."""
+    names = ("inductance", "constant")
+    return StoredLinkage(*(_finite(stored(file, f"{LINKAGE}/{name}", "f")) for name in names))
 
 
 def _parametrisation(file: h5py.File, coils: int) -> CurrentParametrisation:

@@ -18,9 +18,10 @@ import numpy as np
 
 from fieldmap.errors import MapFileError
 from fieldmap.store.checkpoint import Checkpoint, checkpoint_path
-from fieldmap.store.map_data import FieldError, MapData, MapInfo, StoredReaction
+from fieldmap.store.map_data import FieldError, MapData, MapInfo, StoredLinkage, StoredReaction
 from fieldmap.store.map_format import (
     DIVISION_EXPONENT,
+    LINKAGE,
     OWN,
     PARAMETRISATION,
     REACTION,
@@ -102,6 +103,7 @@ def _write(file: h5py.File, data: MapData) -> None:
     write_text(file, "device", data.provenance.device_text)
     _write_reduced_model(file, data.reduced_model)
     _write_reaction(file, data.reaction)
+    _write_linkage(file, data.linkage)
     completion = own.create_group("completion")
     completion.attrs["complete"] = np.uint8(1)
     completion["chunks"] = np.ones(len(chunks_of(data.grid)), dtype=np.uint8)
@@ -132,6 +134,15 @@ def _write_reaction(file: h5py.File, reaction: StoredReaction | None) -> None:
     group.attrs[REPELLED] = np.int64(reaction.repelled)
     for name in ("flux_density", "gradient"):
         values = getattr(reaction, name).astype(np.float32)
+        group.create_dataset(name, data=values, fletcher32=True, fillvalue=np.nan)
+
+
+def _write_linkage(file: h5py.File, linkage: StoredLinkage | None) -> None:
+    """Write the flux linkages with checksums; nothing if there are none."""
+    if linkage is None or not linkage.constant.size:
+        return
+    group = file.create_group(LINKAGE)
+    for name, values in vars(linkage).items():
         group.create_dataset(name, data=values, fletcher32=True, fillvalue=np.nan)
 
 

@@ -38,6 +38,7 @@ def bar(tables, coils, modes, points, field=5e-3, falls=1, seen=12):
         tables,
         gradients.T @ gradients / points + 0.05 * np.eye(modes),
         np.zeros(modes),
+        remanent=np.zeros(coils),
     )
     weight = (1.0 + np.arange(modes))[:, None] ** falls
     return Bar(model, random.standard_normal((modes, seen)) / weight)

@@ -37,7 +37,7 @@ class Case(Bar):
     def combined(self, count=16):
         """So many modes, by the states of the choice."""
         by, _ = condensation._currents(self.domain)
-        states = condensation._States(self.model, by, solved(self.model, by), self.fields)
+        states = condensation._States(self.model, by, solved(self.model, by), self.fields, False)
         return condensation.Condensed(*states.combined(count, self.off), 0.0)
 
 
@@ -68,7 +68,7 @@ def test_fewer_modes_and_points_give_the_field_at_other_currents(free):
 
 def test_modes_do_not_depend_on_the_numbers_of_modes_tried_before(free):
     currents = free.domain.at(np.random.default_rng(3).random((60, 3)))
-    states = condensation._States(free.model, currents, solved(free.model, currents), free.fields)
+    states = condensation._States(free.model, currents, solved(free.model, currents), free.fields, False)
     first = states.combined(16, free.off)[1]
     states.combined(24, free.off)
     np.testing.assert_array_equal(states.combined(16, free.off)[1], first)
@@ -142,7 +142,7 @@ def test_adjoint_states_say_what_a_disturbance_changes(free):
     """f . da / dr of the equation's constant r, by differences of solves."""
     currents = free.domain.at(np.array([[0.9, 0.3, 0.8]]))
     whole = free.model.solve(currents[0], np.zeros(free.model.modes), 1e-12)[0]
-    states = condensation._States(free.model, currents, whole[None], free.fields)
+    states = condensation._States(free.model, currents, whole[None], free.fields, False)
     size = np.linalg.norm(whole @ free.fields)
     random = np.random.default_rng(9).standard_normal((3, free.model.modes))
     for direction in 1e-6 * random / np.linalg.norm(random, axis=1, keepdims=True):
@@ -209,7 +209,7 @@ def test_conditions_on_the_points_are_met_by_their_own_weights(free):
     """All factors at one give what is wanted; an error of 1 % of the volume counts as one of half the accuracy in each
     state."""
     currents = free.domain.at(np.random.default_rng(5).random((7, 3)))
-    states = condensation._States(free.model, currents, solved(free.model, currents), free.fields)
+    states = condensation._States(free.model, currents, solved(free.model, currents), free.fields, False)
     basis = np.eye(free.model.modes)
     volume = free.model.weights / free.model.weights.sum()
     found = [states.conditions(free.model, basis, accuracy) for accuracy in (1e-3, 1e-2)]
@@ -221,15 +221,24 @@ def test_conditions_on_the_points_are_met_by_their_own_weights(free):
     weight = 7 * 0.5**2 / 0.01**2
     scale = np.abs(found[1][0]).max()
     np.testing.assert_allclose(rest, weight * np.outer(volume, volume), atol=1e-8 * scale)
-    # One state: what a point less changes of the field, and a little of the energy.
-    one = condensation._States(free.model, currents[:1], solved(free.model, currents[:1]), free.fields)
+    # One state: what a point less changes of the field, of the linkages, and a little of the energy.
+    one = condensation._States(free.model, currents[:1], solved(free.model, currents[:1]), free.fields, False)
     products, wanted, size = one.conditions(free.model, basis, 1e-3)
     weights = free.model.weights.copy()
     weights[150] *= 1.0 + 1e-4
     amplitude = solved(free.model, currents[:1])[0]
-    off = replace(free.model, weights=weights).solve(currents[0], amplitude, 1e-12)[0] - amplitude
+    other = replace(free.model, weights=weights)
+    moved = other.solve(currents[0], amplitude, 1e-12)[0]
+    off = moved - amplitude
     factor = free.model.tangent_factor(currents[0], amplitude)
     of_field = np.linalg.norm(off @ free.fields) / np.linalg.norm(amplitude @ free.fields)
     of_energy = 0.03 * np.linalg.norm(factor.T @ off) / np.linalg.norm(factor.T @ amplitude)
-    expected = (np.hypot(of_field, of_energy) / 1e-3) ** 2 / 1e-8 + 2500.0 * volume[150] ** 2
+    linked, then = (
+        of.sums(of.moments(currents[0], at))[of.modes :]
+        for of, at in ((free.model, amplitude), (other, moved))
+    )
+    of_linkage = 0.3 * np.linalg.norm(then - linked) / np.abs(linked).max()
+    assert of_linkage > 0.1 * of_field
+    squares = of_field**2 + of_energy**2 + of_linkage**2
+    expected = squares / 1e-6 / 1e-8 + 2500.0 * volume[150] ** 2
     assert products[150, 150] == pytest.approx(expected, rel=0.02)

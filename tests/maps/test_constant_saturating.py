@@ -65,7 +65,7 @@ def test_fields_are_those_of_a_fresh_solve_within_what_the_map_states(m, solver,
 
 def test_zero_currents_give_the_field_of_the_magnet(m, solver):
     off = m.constant_field(POINTS)
-    assert off == pytest.approx(solver.field(POINTS, [0.0]), abs=2e-7)
+    assert off == pytest.approx(solver.field(POINTS, [0.0]), abs=4e-7)
     assert np.abs(off).max() > 1e-3
     assert (m.proportional, m.affine) == (False, False)
     assert m.fixed_sources == ("core", "background")

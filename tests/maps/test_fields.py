@@ -67,7 +67,11 @@ def test_a_trained_model_is_read_back_with_its_largest_error(background):
             "modes": 2,
         }
         device = SimpleNamespace(coils=tuple(COILS), background=background)
-        given = arrays | {f"face_{name}": values for name, values in face.items()} | {"charge": np.eye(3)}
+        given = (
+            arrays
+            | {f"face_{name}": values for name, values in face.items()}
+            | {"charge": np.eye(3), "remanent": np.ones(2)}
+        )
         found = trained_map(device, given, about)
     assert (found.error.flux_density, found.error.gradient) == (2e-3, 7.0)
     assert found.largest_weights.tolist() == [2.0, 3.0, 0.5, 0.25, 0.125] + (
@@ -76,6 +80,7 @@ def test_a_trained_model_is_read_back_with_its_largest_error(background):
     assert set(found.about) == {"states_tried", "largest_weights", "modes"}
     assert (found.fields.coils, found.fields.background) == (tuple(COILS), background)
     np.testing.assert_array_equal(found.fields.charge, np.eye(3))
+    np.testing.assert_array_equal(found.remanent, np.ones(2))
     assert {name: values.tolist() for name, values in found.fields.faces.items()} == {
         name: [0.0, 1.0, 2.0] for name in face
     }

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from fieldmap.constants import MU0
 from fieldmap.device.materials.froehlich import Froehlich
 from fieldmap.device.model import CircularCoil
 from fieldmap.errors import NotConverged, Problem
@@ -80,6 +81,21 @@ class WholeBar:
     def corrections(self, currents, potential, air, tolerance=0.03):
         unsaturated = self._whole(np.zeros(currents.shape[1]), np.zeros(self.unknowns))
         return np.linalg.solve(unsaturated, self.model.residuals(currents, potential.T).T)
+
+    def iron_linkage(self, currents, potential):
+        h = self.model.source @ currents - self.model.gradients @ potential
+        size = np.linalg.norm(h.reshape(-1, 3), axis=1)
+        b = self.model.tables.flux_density(size, self.model.law)[0]
+        moments = (self.model.weights * (b / size - 1.0))[:, None] * h.reshape(-1, 3)
+        return self.model.source.T @ moments.ravel() / MU0
+
+    def iron_inductance(self, currents, potential):
+        ends = (
+            currents + step * 1e-4 for step in np.concatenate([np.eye(len(currents)), -np.eye(len(currents))])
+        )
+        linkages = np.array([self.iron_linkage(end, self.potential(end)) for end in ends])
+        plus, minus = np.split(linkages, 2)
+        return (plus - minus).T / 2e-4
 
     def charge_density(self, potential):
         return (self._charge @ potential).T

@@ -415,16 +415,22 @@ def linkage_and_coenergy(
 
 
 def iron_differential_inductance(
-    form: PotentialForm, material: Magnetisation, inside: PotentialField, unit: CoilField, tolerance: float
+    form: PotentialForm,
+    material: Magnetisation,
+    potential: Array,
+    field: CoilField,
+    unit: CoilField,
+    tolerance: float,
 ) -> Array:
-    """What the iron adds to the matrix of linkage derivatives (c, c) in H, at a solved state.
+    """What the iron adds to the matrix of linkage derivatives (c, c) in H, at a state with nodal potential (n,) in the
+    field of its coils.
 
     unit: the fields t_k of one ampere in each coil. With the tangent D = db/dh of the state, the potential follows the
     current of coil j by p_j, (K + S) p_j = int (D t_j - t_j) . grad v, and d lambda_k / d I_j = 1/mu0 int (D - 1)
     (t_j - grad p_j) . t_k. Raises NotConverged.
     """
-    response = form.sensitivities(inside.potential[:, 0], inside.field, material, unit, tolerance)
-    elements, t = inside.elements, inside.elements.coil_field_at_points(unit)
-    h = elements.strength_at_points(inside.potential, inside.field, material)[0]
+    response = form.sensitivities(potential, field, material, unit, tolerance)
+    elements, t = form.elements, form.elements.coil_field_at_points(unit)
+    h = elements.strength_at_points(potential[:, None], field, material)[0]
     added = material.susceptible(h, t - elements.point_gradients(response))
     return np.einsum("e,keqd,jeqd->kj", 0.25 * elements.volume / MU0, t, added, optimize=True)

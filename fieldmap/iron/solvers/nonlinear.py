@@ -365,12 +365,9 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
         stages.done()
         seconds = stages.seconds if start is not None else self._seconds | stages.seconds
         report = self._report(state, seconds, shares)
-        device, elements, material = self.device, self._form.elements, self._material
-        strength = elements.strength_at_points(state.potential, field, material)
-        coils, unit = (elements.coil_field_at_points(one) for one in (field, self._unit))
-        linkage, coenergy = linkage_and_coenergy(elements.volume, material, strength, coils, unit)
+        device = self.device
         about = (device.coils, values, self._iron.mesh, state.iron, np.ones(1), report, device.sections)
-        iron = (state, linkage[:, 0], float(coenergy[0]))
+        iron = (state, *self._linkage_and_coenergy(field, state.potential))
         around: dict[str, Any] = {"bounds": device.bounds, "background": device.background}
         return NonlinearSolution(*about, *iron, **around, origin=self._origin)
 
@@ -543,8 +540,55 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
         if not isinstance(inside, PotentialField) or inside.elements is not self._form.elements:
             where, remedy = "differential_inductance, state", "pass a result of solve of this solver"
             raise InputError.of(where, "must be a state of this solver", "another", remedy)
-        added = iron_differential_inductance(self._form, self._material, inside, self._unit, tolerance)
-        return self._air_inductance + added
+        return self._air_inductance + self.iron_inductance(state.currents, inside.potential[:, 0], tolerance)
+
+    def iron_inductance(self, currents: Array, potential: Array, tolerance: float = 1e-8) -> Array:
+        """What the iron adds to `differential_inductance`.
+
+        Parameters
+        ----------
+        currents
+            (c,), A.
+        potential
+            Nodal potential (n,) of the state.
+        tolerance
+            Of the linear solve.
+
+        Returns
+        -------
+        Array
+            (c, c), H.
+
+        Raises
+        ------
+        NotConverged
+        """
+        about = potential, self.coil_field(currents), self._unit, tolerance
+        return iron_differential_inductance(self._form, self._material, *about)
+
+    def iron_linkage(self, currents: Array, potential: Array) -> Array:
+        """What the iron adds to the flux linkages of a state.
+
+        Parameters
+        ----------
+        currents
+            (c,), A.
+        potential
+            Nodal potential (n,) of the state.
+
+        Returns
+        -------
+        Array
+            (c,), Wb.
+        """
+        return self._linkage_and_coenergy(self.coil_field(currents), potential)[0]
+
+    def _linkage_and_coenergy(self, field: CoilField, potential: Array) -> tuple[Array, float]:
+        elements, material = self._form.elements, self._material
+        strength = elements.strength_at_points(potential.reshape(-1, 1), field, material)
+        coils, unit = (elements.coil_field_at_points(one) for one in (field, self._unit))
+        linkage, coenergy = linkage_and_coenergy(elements.volume, material, strength, coils, unit)
+        return linkage[:, 0], float(coenergy[0])
 
     @cached_property
     def _air_inductance(self) -> Array:

@@ -40,6 +40,7 @@ class GalerkinModel(Record):
     T; weights (p,) in m^3; law (p,) and tables: the material there; air (r, r) and constant (r,): A and r0 of the
     equation (docs/theory/current_dependence.md, (2)); fixed (3 p,): field of the background at the points, T, None
     without one. pinning (l, k), T, and shares (k,): of the play cells of each law, empty for iron without hysteresis.
+    remanent (c,): what magnets add to the flux linkages, times mu0, T m^3/A; empty where it is not needed.
     """
 
     gradients: Array
@@ -52,6 +53,7 @@ class GalerkinModel(Record):
     fixed: Array | None = None
     pinning: Array = field(default_factory=lambda: np.zeros((0, 0)))
     shares: Array = field(default_factory=lambda: np.zeros(0))
+    remanent: Array = field(default_factory=lambda: np.zeros(0))
 
     def applied(self, currents: Array) -> Array:
         """Field (3 p,) of coils and background at the points at currents (c,), T."""
@@ -140,6 +142,19 @@ class GalerkinModel(Record):
             tangent += part.T @ part
         return cholesky(tangent, lower=True)
 
+    def slopes(self, currents: Array, amplitude: Array, factor: Array) -> Array:
+        """Derivatives (r, c), 1/A, of the amplitudes (r,) of a state by the currents (c,), with the Cholesky factor of
+        its tangent: docs/theory/current_dependence.md, (5)."""
+        total = np.zeros((self.modes, self.source.shape[1]))
+        for first in range(0, len(self.weights), _BLOCK):
+            rows = slice(3 * first, 3 * (first + _BLOCK))
+            of_modes, of_coils = (
+                self._roots(first, currents, amplitude, of[rows]).reshape(-1, of.shape[1])
+                for of in (self.gradients, self.source)
+            )
+            total += of_modes.T @ of_coils
+        return np.asarray(cho_solve((factor, True), total))
+
     def share_of_law(self, factor: Array) -> Array:
         """Share (r, r) of the law in a tangent K = L L^T, with its Cholesky factor L, in coordinates in which K is the
         unit matrix."""
@@ -147,10 +162,10 @@ class GalerkinModel(Record):
         return np.eye(len(factor)) - solve_triangular(factor, half.T, lower=True)
 
     def _roots(self, first: int, currents: Array, amplitude: Array, of: Array) -> Array:
-        """Functions `of` (3 p, r) at points from number `first` on, times the root of w (db/dh - 1): (p, 3, r)."""
+        """Functions `of` (3 p, n) at points from number `first` on, times the root of w (db/dh - 1): (p, 3, n)."""
         points, rows = slice(first, first + len(of) // 3), slice(3 * first, 3 * first + len(of))
         h = self._strength(rows, currents[:, None], amplitude[:, None])[:, 0]
-        out = of.reshape(-1, 3, self.modes).copy()
+        out = of.reshape(-1, 3, of.shape[1]).copy()
         root_of_susceptibility(h, self.weights[points], self.law[points], self.tables.arrays, out)
         return out
 
@@ -175,6 +190,36 @@ class GalerkinModel(Record):
         of the state.
         """
         return error_coordinates(self._few.tangent_factor(currents, amplitude), amplitude, fields, energy)
+
+    def conditions(
+        self, currents: Array, amplitude: Array, fields: Array, weights: "Weights"
+    ) -> "Conditions":
+        """What a choice of points must meet at a state: see `Conditions`. fields (r, m): as for `error_coordinates`."""
+        few = self._few
+        factor = few.tangent_factor(currents, amplitude)
+        by_fields = error_coordinates(factor, amplitude, fields, weights.energy)
+        linked = few.moments(currents, amplitude).ravel() @ few.source
+        slopes = few.slopes(currents, amplitude, factor)
+        combine = combinations(by_fields, slopes, linked, weights.linkage)
+        scale = 0.0
+        if weights.inductance:
+            whole = few.inductance(currents, amplitude, slopes)
+            scale = weights.inductance / (float(np.abs(whole).max(initial=0.0)) or 1.0)
+        return Conditions(currents, amplitude, combine, slopes, scale)
+
+    def inductance(self, currents: Array, amplitude: Array, slopes: Array) -> Array:
+        """Derivatives of the flux linkages by the currents (n,), times mu0, of pairs of coils, each pair once:
+        docs/theory/flux_linkage.md, (4). slopes (r, c): of the amplitudes."""
+        of_air = slopes.T @ self.air @ slopes
+        return np.asarray(
+            self.inductances(currents, amplitude, slopes).sum(axis=0) + of_air[np.triu_indices(len(of_air))]
+        )
+
+    def inductances(self, currents: Array, amplitude: Array, slopes: Array) -> Array:
+        """What every point adds to `inductance`, (p, n)."""
+        roots = self._roots(0, currents, amplitude, self.source - self.gradients @ slopes)
+        one, other = np.triu_indices(roots.shape[2])
+        return np.asarray(np.einsum("pik,pik->pk", roots[:, :, one], roots[:, :, other]))
 
     def along(self, currents: Array, tolerance: float = 1e-6) -> Array:
         """Amplitudes (s, r) of iron with hysteresis that was never magnetised, at currents (s, c), one straight step
@@ -204,14 +249,17 @@ class GalerkinModel(Record):
         over_rows(magnetise, len(self.weights), *given, work=10.0)
         return h.reshape(-1, 3)
 
-    def residual(self, moments: Array) -> Array:
-        """What moments (p, 3) add to the residual (r,)."""
-        return np.asarray(moments.ravel() @ self.gradients)
+    def sums(self, moments: Array) -> Array:
+        """What moments (p, 3) add to the residual (r,) and, behind it, to the flux linkages (c,) times mu0."""
+        return np.concatenate([moments.ravel() @ self.gradients, moments.ravel() @ self.source])
 
     def contributions(self, moments: Array, combine: Array) -> Array:
-        """What every point's moments (p, 3) add to combinations (r, k) of the residual, (p, k)."""
-        of_points = (self.gradients @ combine).reshape(*moments.shape, -1)
-        return np.einsum("pi,pik->pk", moments, of_points)
+        """What every point's moments (p, 3) add to combinations (r + c, k) of what `sums` gives, (p, k). Of (r, k): to
+        combinations of the residual."""
+        of_points = self.gradients @ combine[: self.modes]
+        if len(combine) > self.modes:
+            of_points += self.source @ combine[self.modes :]
+        return np.einsum("pi,pik->pk", moments, of_points.reshape(*moments.shape, -1))
 
     def combined(self, basis: Array) -> "GalerkinModel":
         """The same model on combinations (r, q) of its modes."""
@@ -237,6 +285,62 @@ def error_coordinates(factor: Array, amplitude: Array, fields: Array, energy: fl
     stored = inverse.T * (energy / (np.linalg.norm(factor.T @ amplitude) or 1.0))
     # The same lengths in as few coordinates as there are modes.
     return same_lengths(np.concatenate([caused, stored], axis=1))
+
+
+def combinations(by_fields: Array, slopes: Array, linked: Array, weight: float) -> Array:
+    """Combinations (r + c, r + c), in columns, of what `GalerkinModel.sums` gives: those that by_fields (r, r), of
+    `error_coordinates`, makes of the residual, then the errors of the flux linkages as shares of the largest one, times
+    `weight`. slopes (r, c): of the amplitudes; linked (c,): linkages of the state. An error of the residual moves the
+    state, and with it the linkages."""
+    (modes, coils), largest = slopes.shape, float(np.abs(linked).max(initial=0.0)) or 1.0
+    combined = np.zeros((modes + coils, modes + coils))
+    combined[:modes, :modes] = by_fields
+    combined[:modes, modes:] = -slopes * (weight / largest)
+    combined[modes:, modes:] = np.eye(coils) * (weight / largest)
+    return combined
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Weights(Record):
+    """How much errors of a state count beside that of its field, each as a share of the whole: of its energy, of the
+    flux linkages, and of the inductances, 0 for not at all."""
+
+    energy: float
+    linkage: float
+    inductance: float = 0.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Conditions(Record):
+    """Numbers that points with their weights must add up to at a state, so that its field, its energy, its flux
+    linkages and its inductances are right: docs/theory/flux_linkage.md, (5).
+
+    currents (c,), amplitude (r,): of the state. combine (r + c, r + c): of `combinations`. slopes (r, c): of the
+    amplitudes. inductance: factor on `GalerkinModel.inductances`, 0 where these do not count.
+    """
+
+    currents: Array
+    amplitude: Array
+    combine: Array
+    slopes: Array
+    inductance: float
+
+    def of_points(self, model: GalerkinModel) -> Array:
+        """What each point of a model adds to the numbers, (p, k)."""
+        added = model.contributions(model.moments(self.currents, self.amplitude), self.combine)
+        return np.concatenate([added, self._of_pairs(model)], axis=1) if self.inductance else added
+
+    def sizes(self, model: GalerkinModel, mixing: Array) -> tuple[Array, Array]:
+        """The numbers (k,) of all points of a model, and about the lengths (p,) of what each adds, by random
+        projections, mixing (r + c, m)."""
+        moments = model.moments(self.currents, self.amplitude)
+        lengths = np.linalg.norm(model.contributions(moments, self.combine @ mixing), axis=1)
+        whole = model.sums(moments) @ self.combine
+        pairs = self._of_pairs(model).sum(axis=0) if self.inductance else np.zeros(0)
+        return np.concatenate([whole, pairs]), lengths
+
+    def _of_pairs(self, model: GalerkinModel) -> Array:
+        return self.inductance * model.inductances(self.currents, self.amplitude, self.slopes)
 
 
 def same_lengths(rows: Array) -> Array:
@@ -265,7 +369,11 @@ def project(
     gradients, weights = gradients.reshape(rows, -1), np.repeat(0.25 * elements.volume, 4)
     weighted = np.repeat(weights, 3)[:, None] * gradients
     air = gradients.T @ weighted + basis.T @ of_air
-    constant = weighted.T @ np.repeat(material.remanence[0], 4, axis=0).reshape(-1)
+    remanence = np.repeat(material.remanence[0], 4, axis=0).reshape(-1)
+    constant = weighted.T @ remanence
     fixed = None if background is None else at_points(background).reshape(rows)
     law, source = (np.repeat(material.law, 4), material.tables), at_points(unit).reshape(rows, -1)
-    return GalerkinModel(gradients, source, weights, *law, 0.5 * (air + air.T), constant, fixed)
+    remanent = source.T @ (np.repeat(weights, 3) * remanence)
+    return GalerkinModel(
+        gradients, source, weights, *law, 0.5 * (air + air.T), constant, fixed, remanent=remanent
+    )

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import cho_solve, eigh
 
 from fieldmap.currents import CurrentDomain
-from fieldmap.iron.solvers.reduced import GalerkinModel
+from fieldmap.iron.solvers.reduced import GalerkinModel, Weights
 from fieldmap.maps.training.cubature import nonnegative_path
 from fieldmap.maps.training.currents import drawn, extreme_signals, sequence
 from fieldmap.maps.training.model_error import Off
@@ -48,6 +48,9 @@ _ADJOINT, _ROUNDS = 0.07, 3
 # Weight of the energy of the error relative to its field, in the choice of points. It is a tenth of that in training,
 # because there are many more states.
 _ENERGY = 0.03
+# Weights of the errors of flux linkages and, if they are wanted, of inductances. These need modes that represent how
+# states follow the currents, too: the weight of these derivatives relative to the states.
+_LINKAGE, _INDUCTANCE, _SLOPES = 0.3, 1.0, 0.5
 # Root mean square, over the states, of the change of the field by fewer points, as a multiple of the accuracy: the
 # first value tried, the factor to the next one, and the last one.
 _COARSE, _FINER, _FINEST = 0.5, 0.95, 0.02
@@ -82,6 +85,7 @@ def condensed(
     fields: Array,
     off: Off,
     accuracy: float,
+    inductance: bool = False,
 ) -> Condensed:
     """Condense a model to fewer modes and points.
 
@@ -100,6 +104,8 @@ def condensed(
         that changes of the amplitudes make.
     accuracy
         Largest relative change of a field.
+    inductance
+        Whether the errors of inductances count.
 
     Returns
     -------
@@ -110,7 +116,7 @@ def condensed(
 
     by, tried = _currents(domain)
     of_by, others = (solved_from(trained, known, currents, _EXACT) for currents in (by, tried))
-    states = _States(trained, by, of_by, fields)
+    states = _States(trained, by, of_by, fields, inductance)
 
     def changed(model: GalerkinModel, basis: Array) -> float:
         changes = _changes(model, basis, tried, others, _EXACT)
@@ -153,17 +159,25 @@ def _fewest(modes: int, combined: Callable[[int], Few], enough: Callable[[Few], 
 class _States:
     """The states that modes and points are chosen with: currents (s, c), amplitudes (s, r), adjoint states."""
 
-    def __init__(self, model: GalerkinModel, currents: Array, amplitudes: Array, fields: Array) -> None:
+    def __init__(
+        self, model: GalerkinModel, currents: Array, amplitudes: Array, fields: Array, inductance: bool
+    ) -> None:
         self._model, self._currents, self._amplitudes, self._fields = model, currents, amplitudes, fields
+        self._weights = Weights(_ENERGY, _LINKAGE, _INDUCTANCE if inductance else 0.0)
         size = np.linalg.norm(amplitudes @ fields, axis=1)
         # The least size avoids division by zero for a state without a field.
         self._size = np.maximum(size, 1e-3 * size.max()) if size.any() else np.ones(len(size))
 
-        def adjoint(k: int) -> Array:
+        def adjoint(k: int) -> tuple[Array, Array]:
             factor = model.tangent_factor(currents[k], amplitudes[k])
-            return np.asarray(cho_solve((factor, True), fields)) / self._size[k]
+            fallen = np.asarray(cho_solve((factor, True), fields)) / self._size[k]
+            slopes = (
+                model.slopes(currents[k], amplitudes[k], factor) if inductance else np.zeros((len(fallen), 0))
+            )
+            return fallen, slopes
 
-        self._adjoint = np.array(list(results_of(adjoint, range(len(currents)))))
+        pairs = zip(*results_of(adjoint, range(len(currents))), strict=True)
+        self._adjoint, self._slopes = (np.array(each) for each in pairs)
 
     def combined(self, count: int, off: Off) -> Few:
         """The model on `count` combinations of its modes, and the basis (r, count)."""
@@ -181,7 +195,9 @@ class _States:
         root = np.sqrt(weights)
         rows = self._amplitudes * (root / self._size)[:, None]
         adjoint = np.concatenate(self._adjoint * root[:, None, None], axis=1)
+        slopes = np.concatenate(self._slopes * root[:, None, None], axis=1)
         product = _one(rows.T @ rows) + _ADJOINT**2 * _one(adjoint @ adjoint.T)
+        product += _SLOPES**2 * _one(slopes @ slopes.T)
         last = len(product)
         basis = np.ascontiguousarray(eigh(product, subset_by_index=(last - count, last - 1))[1][:, ::-1])
         return self._model.combined(basis), basis
@@ -200,8 +216,8 @@ class _States:
         def of(k: int) -> Array:
             currents = self._currents[k]
             amplitude = model.solve(currents, basis.T @ self._amplitudes[k], _ROUGH)[0]
-            combine = model.error_coordinates(currents, amplitude, fields, _ENERGY) / accuracy
-            return np.ascontiguousarray(model.contributions(model.moments(currents, amplitude), combine).T)
+            conditions = model.conditions(currents, amplitude, fields, self._weights)
+            return np.ascontiguousarray(conditions.of_points(model).T) / accuracy
 
         products, wanted, square = np.zeros((len(volume), len(volume))), np.zeros(len(volume)), 0.0
         for conditions in results_of(of, range(len(self._currents))):

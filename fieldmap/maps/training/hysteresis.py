@@ -12,12 +12,12 @@ from dataclasses import asdict
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from fieldmap.currents import CurrentDomain
 from fieldmap.histories import history_of_currents
 from fieldmap.iron.elements.bh_law import PACKED
-from fieldmap.iron.solvers.reduced import GalerkinModel, error_coordinates, same_lengths
+from fieldmap.iron.solvers.reduced import GalerkinModel, combinations, error_coordinates, same_lengths
 from fieldmap.maps.forecast import Forecast
 from fieldmap.maps.training.cubature import Cubature, OfPoints, candidates
 from fieldmap.maps.training.model_error import Errors, ModeFields, Trial
@@ -42,6 +42,8 @@ _MODES, _FIELDS, _LEAST_ENERGY = 0.2, 0.05, 1e-6
 _FITTED, _CANDIDATES, _FEWEST_CANDIDATES, _FEW = 0.4, 6, 1000, 6000
 # Weight of the energy of an error beside its field, as in `sampling`; number of states whose tangents are conditions.
 _ENERGY, _TANGENTS = 0.3, 3
+# The same of the errors of flux linkages.
+_LINKAGE = 1.0
 # Factor for weights between the states at which the largest are found.
 _MARGIN = 1.1
 
@@ -119,9 +121,9 @@ def train_along_paths(
         "level_of_histories": level.tolist(),
     }
     weights = np.abs(np.concatenate([reduction.weights(one) for one in (*known, *tried)])).max(axis=0)
-    return Trained(
-        reduction.model(domain), reduction.charge, np.concatenate([largest, _MARGIN * weights]), about
-    )
+    largest_weights = np.concatenate([largest, _MARGIN * weights])
+    parts = reduction.model(domain), reduction.few.remanent, reduction.charge
+    return Trained(*parts, largest_weights, about)
 
 
 def stated_error(errors: Sequence[Errors]) -> dict[str, float]:
@@ -216,9 +218,14 @@ class _Reduction:
         for k, (polarisation, derivative) in enumerate(self._magnetised(paths, forecast)):
             moments = full.weights[:, None] * polarisation
             factor = cholesky(full.air + share * _of_law(full, derivative, some), lower=True)
-            combine = error_coordinates(factor, self._amplitudes[k], lengths, _ENERGY)
+            combine = combinations(
+                error_coordinates(factor, self._amplitudes[k], lengths, _ENERGY),
+                share * cho_solve((factor, True), _of_law(full, derivative, some, full.source)),
+                full.sums(moments)[full.modes :],
+                _LINKAGE,
+            )
             of_points.append(_contributions(full, moments, combine))
-            totals.append(full.residual(moments) @ combine)
+            totals.append(full.sums(moments) @ combine)
             squares = np.sum(moments**2, axis=1)
             importance += squares / (squares.sum() or 1.0)
             if k in with_tangent:
@@ -250,16 +257,20 @@ def _contributions(full: GalerkinModel, moments: Array, combine: Array) -> OfPoi
     return of
 
 
-def _gradients(full: GalerkinModel, points: NDArray[np.int64]) -> Array:
-    """Gradients (m, 3, r) of the modes at some points."""
-    return np.asarray(full.gradients.reshape(len(full.weights), 3, -1)[points])
+def _at(fields: Array, points: NDArray[np.int64]) -> Array:
+    """Fields (3 p, k) at some of their points, (m, 3, k)."""
+    return np.asarray(fields.reshape(len(fields) // 3, 3, -1)[points])
 
 
-def _of_law(full: GalerkinModel, derivative: Array, points: NDArray[np.int64]) -> Array:
-    """Share (r, r) of some points in the tangent; derivative (p, 6): of the polarisation at all points."""
-    gradients = _gradients(full, points)
-    rows = np.matmul(full.weights[points, None, None] * derivative[points][:, PACKED], gradients)
-    return np.asarray(gradients.reshape(-1, full.modes).T @ rows.reshape(-1, full.modes))
+def _of_law(
+    full: GalerkinModel, derivative: Array, points: NDArray[np.int64], fields: Array | None = None
+) -> Array:
+    """Share (r, r) of some points in the tangent; of fields (3 p, k) in the place of the modes' (r, k). derivative
+    (p, 6): of the polarisation at all points."""
+    gradients = _at(full.gradients, points)
+    of = gradients if fields is None else _at(fields, points)
+    rows = np.matmul(full.weights[points, None, None] * derivative[points][:, PACKED], of)
+    return np.asarray(gradients.reshape(-1, full.modes).T @ rows.reshape(-1, rows.shape[2]))
 
 
 def _tangent(full: GalerkinModel, derivative: Array) -> tuple[Array, OfPoints]:
@@ -269,7 +280,7 @@ def _tangent(full: GalerkinModel, derivative: Array) -> tuple[Array, OfPoints]:
     def of(points: NDArray[np.int64]) -> Array:
         values, axes = np.linalg.eigh(full.weights[points, None, None] * derivative[points][:, PACKED])
         root = axes * np.sqrt(np.maximum(values, 0.0))[:, None]
-        rows = np.matmul(np.swapaxes(root, 1, 2), _gradients(full, points))
+        rows = np.matmul(np.swapaxes(root, 1, 2), _at(full.gradients, points))
         flat = solve_triangular(factor, rows.reshape(-1, full.modes).T, lower=True).T
         return np.asarray(flat.reshape(len(points), 3, -1))
 

@@ -42,4 +42,11 @@ class Plan(Record):
         int,
         Key(whole(1, 1000), "states at random solved to measure the error; extremes of the domain are too"),
     ] = 12
+    inductance: Annotated[
+        bool,
+        Key(
+            bool,
+            "whether inductances are as accurate as fields; a change of currents then takes about twice as long",
+        ),
+    ] = False
     tolerance: float = 1e-3

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldmap.currents import CurrentDomain
-from fieldmap.iron.solvers.reduced import GalerkinModel
+from fieldmap.iron.solvers.reduced import Conditions, GalerkinModel, Weights
 from fieldmap.maps.training.cubature import Cubature, OfPoints, candidates
 from fieldmap.maps.training.currents import drawn
 from fieldmap.maps.training.model_error import Off
@@ -29,6 +29,8 @@ _MOST_CANDIDATES = 12_000
 # Weight of the energy of the error relative to its field in the workspace. Without the energy, points are chosen that
 # reproduce the fields of the known states only.
 _ENERGY = 0.3
+# Weights of the errors of flux linkages and, if they are wanted, of inductances.
+_LINKAGE, _INDUCTANCE = 0.3, 1.0
 # Number of random projections that estimate the size of a point's contribution.
 _PROJECTIONS = 8
 # Number of states whose tangents are conditions: those whose iron is magnetised most differently.
@@ -79,6 +81,7 @@ def sampled(
     most: int,
     tell: Callable[[str, float], None] = lambda message, share: None,
     rounds: int = ROUNDS,
+    inductance: bool = False,
 ) -> Sampled:
     """Choose sample points of the law, and their weights.
 
@@ -105,8 +108,10 @@ def sampled(
         tell(message, share) reports progress, with the share that is done.
     rounds
         Most choices.
+    inductance
+        Whether the errors of inductances count.
     """
-    choice = _Choice(full, known, fields, most, tell)
+    choice = _Choice(full, known, fields, most, tell, inductance)
     tried = _Tried(full, known, domain, off, _EXACT * accuracy)
     tolerance, looked_at = _FITTED, 0
     fresh = extremes[:_EXTREMES]
@@ -143,8 +148,10 @@ class _Choice:
         fields: Array,
         most: int,
         tell: Callable[[str, float], None],
+        inductance: bool,
     ) -> None:
         self._full, self._fields, self._most = full, fields, most
+        self._weights = Weights(_ENERGY, _LINKAGE, _INDUCTANCE if inductance else 0.0)
         self._states = list(zip(*known, strict=True))
         if len(self._states) > _MOST_STATES:
             # The others are not missed: the tests find what the fit lacks.
@@ -194,7 +201,7 @@ class _Choice:
         Returns the importance (p,) of the points: about the root of the sum, over states, of their squared
         contributions. tell(k) is called when k states are done.
         """
-        pairs = [_contributions(self._full, *state, self._fields) for state in states]
+        pairs = [_contributions(self._full, *state, self._fields, self._weights) for state in states]
         self._contributions += [of for _, of in pairs]
         squares = np.zeros(len(self._full.weights))
         tell(0)
@@ -289,32 +296,29 @@ def _tangent(model: GalerkinModel, currents: Array, amplitude: Array) -> tuple[A
 
 
 def _contributions(
-    model: GalerkinModel, currents: Array, amplitude: Array, fields: Array
+    model: GalerkinModel, currents: Array, amplitude: Array, fields: Array, weights: Weights
 ) -> tuple[Callable[[], tuple[Array, Array]], OfPoints]:
-    """Contributions of the points to a state's residual, in coordinates that measure the error of its field and energy.
+    """Contributions of the points to the `Conditions` at a state.
 
     Returns
     -------
     tuple[Callable[[], tuple[Array, Array]], OfPoints]
-        A function that gives the sum (r,) over all points and the approximate size (p,) of each contribution,
-        and a function that gives the contributions (m, r) of some points.
+        A function that gives the sum (k,) over all points and the approximate size (p,) of each contribution,
+        and a function that gives the contributions (m, k) of some points.
     """
     # Random projections estimate the sizes (Drineas, Magdon-Ismail, Mahoney and Woodruff, J. Mach. Learn. Res. 13
     # (2012) 3475).
-    mixing = np.random.default_rng(0).standard_normal((model.modes, _PROJECTIONS))
+    count = model.modes + model.source.shape[1]
+    mixing = np.random.default_rng(0).standard_normal((count, _PROJECTIONS))
 
     @cache
-    def coordinates() -> Array:
-        return model.error_coordinates(currents, amplitude, fields, _ENERGY)
+    def conditions() -> Conditions:
+        return model.conditions(currents, amplitude, fields, weights)
 
     def summed() -> tuple[Array, Array]:
-        moments, combine = model.moments(currents, amplitude), coordinates()
-        mixed = combine @ mixing
-        lengths = np.linalg.norm(model.contributions(moments, mixed), axis=1)
-        return model.residual(moments) @ combine, lengths
+        return conditions().sizes(model, mixing)
 
     def of(points: NDArray[np.int64]) -> Array:
-        some = model.sampled(points, model.weights[points])
-        return some.contributions(some.moments(currents, amplitude), coordinates())
+        return conditions().of_points(model.sampled(points, model.weights[points]))
 
     return summed, of

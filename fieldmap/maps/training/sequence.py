@@ -280,6 +280,7 @@ class Training:
             self.plan.points,
             tell,
             _ROUNDS_IN_VAIN if in_vain else ROUNDS,
+            self.plan.inductance,
         )
         return Reduction(self.solver, modes, points, charge, fields, in_vain)
 

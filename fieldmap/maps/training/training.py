@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldmap.constants import MU0
 from fieldmap.currents import CurrentDomain
 from fieldmap.errors import NotConverged
 from fieldmap.iron import NonlinearSolver
@@ -21,7 +22,7 @@ from fieldmap.maps.forecast import Forecast, expect_modes
 from fieldmap.maps.training.condensation import Condensed, condensed
 from fieldmap.maps.training.currents import STARTS, extreme_signals, held_out, sequence
 from fieldmap.maps.training.model_error import Errors
-from fieldmap.maps.training.modes import output_fields, solved
+from fieldmap.maps.training.modes import output_fields, solved, solved_from
 from fieldmap.maps.training.plan import Plan
 from fieldmap.maps.training.reduction import Reduction, model_of_map
 from fieldmap.maps.training.search import ExtremesTried, allowed, search_condensed, search_worst, try_extremes
@@ -38,6 +39,8 @@ _FIELDS, _FIELDS_AT_MOST, _MOST_FIELDS = 0.05, 0.3, 100
 # the error of the model smaller.
 _ROUGH_FIELDS = 1e-4
 _SEARCHED = "searched for"
+# Of solves whose flux linkages are compared with the solver's; number of states at which inductances are.
+_EXACT_LINKAGE, _INDUCTANCES = 1e-8, 4
 # Most repetitions of the training with states of the search for the worst currents, and with states of the search of
 # the condensed model.
 _AGAIN, _AGAIN_CONDENSED = 8, 2
@@ -56,6 +59,7 @@ class Trained(Record):
     Attributes
     ----------
     model : the reduced model.
+    remanent : (c,), as `GalerkinModel` has it.
     charge : (k, s), surface charge density of the iron's fields on s faces, T.
     largest_weights : (c + k,), largest weights of the map's fields over the domain.
     about : what was done and found, as plain Python for the report of the map: what was solved and tried, errors at
@@ -63,6 +67,7 @@ class Trained(Record):
     """
 
     model: ReducedModel
+    remanent: Array
     charge: Array
     largest_weights: Array
     about: Mapping[str, Any]
@@ -137,8 +142,10 @@ def train(
         # changed: largest change of a state's field that was found, as a multiple of the accuracy.
         "condensed_from": {"modes": trained.modes, "points": len(trained.weights), "changed": few.changed},
     }
+    random = found.tried["at random"]
+    about["linkage_error"] = linkage_error(few.model, (modes.currents, amplitudes), solver, random)
     largest = _largest_weights(domain, few.model, found.output, modes.currents)
-    return Trained(model, found.charge, largest, about)
+    return Trained(model, few.model.remanent, found.charge, largest, about)
 
 
 class Tries:
@@ -268,7 +275,7 @@ def _condensed_and_tried(training: Training, reduction: Reduction, tries: Tries)
         if reduction.in_vain:
             few = Condensed(reduction.sampled, np.eye(reduction.sampled.modes), 0.0)
         else:
-            few = condense(reduction, training.domain, combination, of_modes, accuracy)
+            few = condense(reduction, training.domain, combination, of_modes, accuracy, plan.inductance)
         attempt = tries.condensed * len(_CONDENSED) + number
         found = search_condensed(training, reduction, few, attempt)
         tried[_SEARCHED] = found.with_earlier(tried.get(_SEARCHED, Snapshots(training.solver)))
@@ -309,7 +316,12 @@ def _fields_of_map(reduction: Reduction, domain: CurrentDomain, plan: Plan) -> t
 
 
 def condense(
-    reduction: Reduction, domain: CurrentDomain, combination: Array, output: Array, accuracy: float
+    reduction: Reduction,
+    domain: CurrentDomain,
+    combination: Array,
+    output: Array,
+    accuracy: float,
+    inductance: bool = False,
 ) -> Condensed:
     """Condense a model, with errors measured in the fields of the map.
 
@@ -325,6 +337,8 @@ def condense(
         (k, r), weights of these fields per amplitude of the modes.
     accuracy
         Largest relative change of a field.
+    inductance
+        Whether the errors of inductances count.
     """
     fields = reduction.fields.combined(combination)
 
@@ -333,7 +347,7 @@ def condense(
 
     lengths = output.T @ same_lengths(fields.rows)
     known = reduction.modes.currents, reduction.modes.amplitudes
-    return condensed(reduction.sampled, known, domain, lengths, off, accuracy)
+    return condensed(reduction.sampled, known, domain, lengths, off, accuracy, inductance)
 
 
 def _error_parts(training: Training, reduction: Reduction, condensed: CondensedAndTried) -> dict[str, Any]:
@@ -369,6 +383,49 @@ def _error_parts(training: Training, reduction: Reduction, condensed: CondensedA
         "modes_leave": reduction.modes.left,
         "in_vain": reduction.in_vain,
     }
+
+
+def linkage_error(
+    model: GalerkinModel, known: tuple[Array, Array], solver: NonlinearSolver, tried: Snapshots
+) -> dict[str, float]:
+    """Errors of a model's flux linkages and inductances at solved states.
+
+    Parameters
+    ----------
+    model
+        The model.
+    known
+        Currents (s, c) and amplitudes (s, r) of states from which its solves begin.
+    solver
+        Of the whole iron.
+    tried
+        The states.
+
+    Returns
+    -------
+    dict[str, float]
+        share: largest error of a linkage that the iron adds, relative to the largest of the state, at `states` states;
+        inductance_share: the same of inductances, at the first `inductance_states` of them.
+    """
+    shares: list[float] = []
+    of_inductance: list[float] = []
+    amplitudes = solved_from(model, known, tried.currents, _EXACT_LINKAGE)
+    one, other = np.triu_indices(len(tried.currents[0]))
+    for currents, amplitude, potential in zip(tried.currents, amplitudes, tried.potentials.T, strict=True):
+        moments = model.moments(currents, amplitude)
+        ours = (model.sums(moments)[model.modes :] + model.remanent) / MU0
+        shares.append(_off(ours, solver.iron_linkage(currents, potential)))
+        if len(of_inductance) < _INDUCTANCES:
+            slopes = model.slopes(currents, amplitude, model.tangent_factor(currents, amplitude))
+            ours = model.inductance(currents, amplitude, slopes) / MU0
+            of_inductance.append(_off(ours, solver.iron_inductance(currents, potential)[one, other]))
+    named = {"share": max(shares), "states": len(shares)}
+    return named | {"inductance_share": max(of_inductance), "inductance_states": len(of_inductance)}
+
+
+def _off(ours: Array, theirs: Array) -> float:
+    """Largest difference relative to the largest number."""
+    return float(np.abs(ours - theirs).max() / (np.abs(theirs).max() or 1.0))
 
 
 def _largest_weights(domain: CurrentDomain, model: GalerkinModel, output: Array, known: Array) -> Array:

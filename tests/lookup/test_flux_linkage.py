@@ -1,0 +1,219 @@
+"""Flux linkages of maps: closed forms, the co-energy of the reduced model, the solvers, and the work of a magnet."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.constants import mu_0
+from scipy.interpolate import PPoly
+from scipy.optimize import minimize
+
+import fieldmap as fm
+from fieldmap.core.iron import FOUND, CoreIron
+from fieldmap.core.iron_numbers import core_numbers
+from fieldmap.device.air_sources import AirSource
+from fieldmap.errors import InputError, OutsideMapError
+from fieldmap.iron import NonlinearSolver
+from fieldmap.lookup import MagneticBody, back_emf, interpolate, payload_linkage
+from fieldmap.lookup.current_solver import compiled_model
+from fieldmap.lookup.soft_body import soft_piece
+from fieldmap.store import StoredLinkage, read_map, write_map
+from tests.core.iron_cases import CASES, KNOTS, MODES, POINTS, drawn, residual
+from tests.dynamics.conftest import saturating_data
+from tests.iron.shared import STEEL, core_and_coils
+from tests.lookup.test_heat_and_loops import cycle, energies, led, map_of
+
+PLACE, MOMENT = np.array([1e-3, -2e-3, 3e-3]), np.array([0.1, -0.2, 0.7])
+AIR = StoredLinkage(1e-3 * (np.eye(6) + 0.1), 1e-4 * np.arange(6.0))
+CURRENTS = np.array([0.3, -0.4, 1.2, 0.8, -0.2, 0.5])
+
+
+@pytest.fixture(scope="module")
+def m():
+    """A made-up map of saturating iron with six free currents."""
+    return interpolate(replace(saturating_data(free=True), linkage=AIR))
+
+
+def coenergy_of(of, currents):
+    """Least of the functional over the amplitudes, the reduced co-energy times mu0: integral of b - h, and the rest."""
+    gradients = of.gradients.astype(np.float32).astype(float)
+    applied = of.source @ currents + (of.fixed if of.fixed.size else 0.0)
+
+    def functional(amplitudes):
+        size = np.linalg.norm((applied - gradients @ amplitudes).reshape(POINTS, 3), axis=1)
+        knots = np.append(KNOTS, 1e3)
+        inside = PPoly(of.law_coefficients[:3].T, knots).antiderivative()(size) - size**2 / 2
+        return of.weights @ inside - of.constant @ amplitudes + 0.5 * amplitudes @ of.air @ amplitudes
+
+    def slope(amplitudes):
+        return -residual(of, amplitudes, currents)
+
+    return minimize(functional, np.zeros(MODES), jac=slope, method="BFGS", options={"gtol": 1e-13}).fun
+
+
+def in_core(of, currents, inductance=True):
+    state = CoreIron(core_numbers(compiled_model(of, False))).state()
+    linkages, slopes = np.empty(len(currents)), np.empty((len(currents), len(currents)))
+    assert state.linkages(currents, linkages, slopes if inductance else None, tolerance=1e-11) == FOUND
+    return linkages, slopes
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_linkages_are_derivatives_of_the_coenergy_of_the_reduced_model(name):
+    of = CASES[name]
+    for currents in drawn(of, 3):
+        linkages, slopes = in_core(of, currents)
+        alone, _ = in_core(of, currents, inductance=False)
+        np.testing.assert_allclose(alone, linkages, rtol=1e-9, atol=1e-12 * np.abs(linkages).max())
+        steps = 1e-4 * np.eye(len(currents))
+        fall = [coenergy_of(of, currents + step) - coenergy_of(of, currents - step) for step in steps]
+        np.testing.assert_allclose(linkages, np.array(fall) / 2e-4, atol=2e-6 * np.abs(linkages).max())
+        # By differences of linkages of fourth order; symmetric, as second derivatives are.
+        near = {k: np.array([in_core(of, currents + k * step)[0] for step in steps]) for k in (-2, -1, 1, 2)}
+        wanted = (near[-2] - 8 * near[-1] + 8 * near[1] - near[2]) / 12e-4
+        np.testing.assert_allclose(slopes, wanted.T, atol=1e-6 * np.abs(slopes).max())
+        np.testing.assert_allclose(slopes, slopes.T, atol=1e-9 * np.abs(slopes).max())
+
+
+def loop(turns, radius):
+    source = AirSource("Circle", fm.placed([0, 0, 0]), current=1.0, diameter=2 * radius)
+    return fm.Device("one", "", coils=(fm.MagpylibCoil("loop", (source,), turns=turns),))
+
+
+def test_a_dipole_on_the_axis_of_a_loop():
+    """mu0 N m R^2 / (2 (R^2 + z^2)^1.5), and 3 mu0 N m R^2 z v / (2 (R^2 + z^2)^2.5) where it rises."""
+    turns, radius, depth, moment, speed = 50, 0.02, 0.03, 1.3, 0.4
+    field, place = fm.solve_linear(loop(turns, radius)), [0.0, 0.0, -depth]
+    size = radius**2 + depth**2
+    wanted = mu_0 * turns * moment * radius**2 / (2 * size**1.5)
+    assert payload_linkage(field, place, 2.0, [0, 0, moment]) == pytest.approx([wanted], rel=1e-9)
+    rate = 3 * depth * speed / size * wanted
+    assert back_emf(field, place, 2.0, [0, 0, moment], [0, 0, speed]) == pytest.approx([rate], rel=1e-9)
+    # A turn of the moment towards the plane of the loop: what it links falls like the cosine, at first not at all.
+    assert back_emf(field, place, 0.0, [0, 0, moment], np.zeros(3), [3.0, 0, 0]) == pytest.approx(
+        [0.0], abs=1e-15
+    )
+    aside = back_emf(field, place, 0.0, [0, moment, 0], np.zeros(3), [3.0, 0, 0])
+    assert aside == pytest.approx([3.0 * wanted], rel=1e-9)
+
+
+def test_linkages_and_forces_are_derivatives_of_one_coenergy(m):
+    """d(linkage)/dx at fixed currents = dF/dI, of magnets and of soft iron; both by differences."""
+    step, ampere = 1e-5, 1e-3
+    soft = MagneticBody(np.zeros((1, 3)), MOMENT[None], soft=(soft_piece(fm.SoftSphere(2e-3, mu_r=50.0)),))
+    for body in (MagneticBody.dipole(MOMENT), soft):
+        for axis in np.eye(3):
+            ends = [payload_linkage(m, PLACE + sign * step * axis, CURRENTS, body) for sign in (1, -1)]
+            moved = (ends[0] - ends[1]) / (2 * step)
+            pulls = [
+                [m.wrench(PLACE, body, CURRENTS + sign * ampere * coil)[:3] @ axis for sign in (1, -1)]
+                for coil in np.eye(6)
+            ]
+            wanted = np.array([(a - b) / (2 * ampere) for a, b in pulls])
+            assert moved == pytest.approx(wanted, rel=2e-4, abs=2e-4 * np.abs(wanted).max())
+            exact = m.back_emf(PLACE, CURRENTS, body, axis)
+            assert exact == pytest.approx(moved, rel=1e-5, abs=1e-5 * np.abs(moved).max())
+
+
+def test_voltages_along_a_path_add_up_to_the_change_of_the_linkages(m):
+    """By a Gauss rule; along a closed path to nothing. Within one cell of the map, where the field is a polynomial."""
+    ends = PLACE + np.array([[0, 0, 0], [3e-4, 0, 1e-4], [1e-4, 4e-4, 0], [0, 0, 0]])
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    total, largest = np.zeros(6), 0.0
+    for a, b in itertools.pairwise(ends):
+        places = a + 0.5 * (1 + nodes)[:, None] * (b - a)
+        rates = np.array([m.back_emf(place, CURRENTS, MOMENT, b - a) for place in places])
+        along = 0.5 * weights @ rates
+        change = payload_linkage(m, b, CURRENTS, MOMENT) - payload_linkage(m, a, CURRENTS, MOMENT)
+        largest = max(largest, np.abs(along).max())
+        assert along == pytest.approx(change, abs=1e-9 * largest)
+        total += along
+    assert total == pytest.approx(np.zeros(6), abs=1e-9 * largest)
+
+
+def test_a_map_adds_air_magnets_and_iron(m):
+    iron = m._model.linkages(CURRENTS, inductance=True)
+    assert m.flux_linkage(CURRENTS) == pytest.approx(
+        AIR.inductance @ CURRENTS + AIR.constant + iron[0], rel=1e-12
+    )
+    assert m.inductance(CURRENTS) == pytest.approx(AIR.inductance + iron[1], rel=1e-7)
+    with pytest.raises(OutsideMapError):
+        m.flux_linkage(100.0)
+    with pytest.raises(InputError):
+        interpolate(saturating_data(free=True)).inductance(CURRENTS)
+
+
+def test_iron_that_remembers_links_what_its_cells_hold():
+    """Against moments of the cells in numpy; at currents elsewhere the memory stays as it is."""
+    remembering = map_of()
+    for memory in led(remembering, cycle(8)[:5]):
+        linked, _ = memory._model.linkages(memory.last_currents)
+        wanted = energies([memory])[0][0]
+        assert linked == pytest.approx(wanted, abs=1e-6 * np.abs(wanted).max())
+        before = memory.remembered
+        memory._model.linkages(memory.last_currents + 0.1, inductance=True)
+        np.testing.assert_array_equal(memory.remembered, before)
+
+
+@pytest.mark.slow
+def test_a_map_of_saturating_iron_against_its_solver(tmp_path):
+    """At random currents: linkages within what the map states; inductances, which it was trained for, likewise."""
+    device = core_and_coils(STEEL)
+    limit = {"lower_A": -4.0, "upper_A": 4.0, "inductance": True}
+    box = [[-4e-3, -4e-3, -16e-3], [4e-3, 4e-3, -8e-3]]
+    path = fm.generate(
+        device, tmp_path / "m.h5", spacing=2e-3, box=box, currents=limit, iron={"model": "saturating"}
+    )
+    m, solver = fm.open_map(path), NonlinearSolver(device)
+    stated = m.info.provenance.solver_report["linkage_error"]
+    for currents in np.random.default_rng(2).uniform(-4.0, 4.0, (3, len(device.coils))):
+        state = solver.solve(currents, 1e-5)
+        wanted, matrix = state.flux_linkage(), solver.differential_inductance(state)
+        assert np.abs(m.flux_linkage(currents) - wanted).max() < 3 * stated["share"] * np.abs(wanted).max()
+        assert np.abs(m.inductance(currents) - matrix).max() < 3 * stated["inductance_share"] * matrix.max()
+    assert stated["share"] < 3e-3
+    assert stated["inductance_share"] < 1e-2
+
+
+def test_linear_maps_have_what_their_solver_has(tmp_path):
+    """With a magnet in the iron, whose flux is there with all coils off; through the file, to the last bit."""
+    device = core_and_coils(magnet=True)
+    path = fm.generate(
+        device, tmp_path / "m.h5", spacing=2e-3, box=[[-4e-3, -4e-3, -16e-3], [4e-3, 4e-3, -8e-3]]
+    )
+    m, solved = fm.open_map(path), fm.solve_linear(device)
+    assert m.inductance() == pytest.approx(solved.inductance(), rel=1e-6)
+    currents = np.arange(1.0, 1 + len(device.coils))
+    assert m.flux_linkage(currents) == pytest.approx(solved.flux_linkage(currents), rel=1e-6)
+    data = read_map(path)
+    other = replace(data, linkage=StoredLinkage(data.linkage.inductance, data.linkage.constant + 1.0))
+    again = fm.open_map(write_map(tmp_path / "again.h5", other))
+    np.testing.assert_array_equal(again.inductance(), m.inductance())
+    assert again.flux_linkage(currents) - m.flux_linkage(currents) == pytest.approx(np.ones(len(currents)))
+    without = write_map(tmp_path / "without.h5", replace(data, linkage=None))
+    with pytest.raises(InputError):
+        fm.open_map(without).flux_linkage(currents)
+
+
+def test_coils_without_an_inductance_of_their_own_are_named(tmp_path):
+    path = fm.generate(loop(5, 0.02), tmp_path / "m.h5", spacing=2e-3, box=[[-4e-3] * 3, [4e-3] * 3])
+    m = fm.open_map(path)
+    assert "loop" in m.info.provenance.solver_report["without_linkage"]
+    with pytest.raises(InputError):
+        m.inductance()
+    # What a magnet links needs no inductance.
+    assert m.back_emf([0, 0, 1e-3], 0.0, [0, 0, 1.0], [0, 0, 1.0]).shape == (1,)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"inductance": np.eye(2), "constant": np.zeros(3)},
+        {"inductance": np.array([[1.0, 2.0], [0.0, 1.0]]), "constant": np.zeros(2)},
+        {"inductance": np.full((1, 1), np.nan), "constant": np.zeros(1)},
+    ],
+)
+def test_damaged_linkages_are_refused(given):
+    with pytest.raises(InputError):
+        StoredLinkage(**given)
