@@ -11,6 +11,7 @@ from fieldmap.lookup.actuation import (
 from fieldmap.lookup.current_table import CurrentTable
 from fieldmap.lookup.evaluation import Evaluator, MapAtCurrents
 from fieldmap.lookup.field_map import FieldMap, interpolate, open_map
+from fieldmap.lookup.field_sensors import MapSensors
 from fieldmap.lookup.finite_magnet import FiniteMagnet, finite_magnet, volume_rule
 from fieldmap.lookup.inverse import currents_for
 from fieldmap.lookup.iron_response import (
@@ -36,6 +37,7 @@ __all__ = [
     "Jump",
     "MagneticBody",
     "MapAtCurrents",
+    "MapSensors",
     "SeveralForces",
     "SoftPiece",
     "capability",

@@ -5,7 +5,16 @@ A map is written by `map_writer`, read by `map_reader` and verified by `map_chec
 
 from fieldmap.store.checkpoint import Checkpoint, Piece, checkpoint_path
 from fieldmap.store.map_check import MapCheck, check_map
-from fieldmap.store.map_data import FieldError, Grid, MapData, MapInfo, Provenance, StoredReaction
+from fieldmap.store.map_data import (
+    FieldError,
+    Grid,
+    MapData,
+    MapInfo,
+    Provenance,
+    StoredFields,
+    StoredReaction,
+    StoredSensors,
+)
 from fieldmap.store.map_format import Chunk
 from fieldmap.store.map_reader import map_path, read_info, read_map
 from fieldmap.store.map_writer import MapWriter, open_writer, write_map
@@ -29,7 +38,9 @@ __all__ = [
     "Provenance",
     "ReducedModel",
     "RunRecord",
+    "StoredFields",
     "StoredReaction",
+    "StoredSensors",
     "check_map",
     "checkpoint_path",
     "is_run_file",

@@ -27,6 +27,9 @@ REACTION = f"{OWN}/reaction"
 """Group of the fields of the iron's reaction to magnets: data sets like those of `StoredReaction`, float32; attribute
 `repelled`. Readers that do not know it read a map without."""
 REPELLED = "repelled"
+SENSORS = f"{OWN}/sensors"
+"""Group of what field sensors read: data sets like the arrays of `StoredSensors`, attribute `names` (JSON), and with
+iron a group `answers` of fields, float32. Readers that do not know it read a map without."""
 PARAMETRISATION = "parametrisation"
 """Attribute of the reduced model, JSON: name and parameters of the parametrisation of the currents."""
 DIVISION_EXPONENT = "division_exponent"

@@ -35,7 +35,7 @@ the axis: (6, n)."""
 
 def _closed(case: str, device: fm.Device, exact: Exact, distances: Array, mu_r: float) -> Iterator[Row]:
     """Along the z axis at z = distance; force and stiffness from A by F = dA/dz / 2."""
-    (_, found), seconds, cpu = timed(lambda: solve_linear_and_reaction(device, box=device.bounds))
+    (_, found, _), seconds, cpu = timed(lambda: solve_linear_and_reaction(device, box=device.bounds))
     assert found is not None
     points = np.column_stack([0.0 * distances, 0.0 * distances, distances])
     b, g = found.fields(points)
