@@ -185,6 +185,16 @@ def test_the_filter_follows_a_swing(field, body):
     assert state.velocity == pytest.approx(rate * np.cos(phases[-1]) * reach, abs=5e-3)
 
 
+def test_noise_of_two_steps_is_that_of_one_of_both_lengths(field, body):
+    """What a white acceleration does in a second half is added to what the first half became; and its known size."""
+    follow, half = PoseFilter(field, body, NOISE, (0.3, 2.0)), 2e-3
+    onward = np.eye(12)
+    onward[range(6), range(6, 12)] = half
+    once, twice = follow._noise(half), follow._noise(2 * half)
+    assert onward @ once @ onward.T + once == pytest.approx(twice, rel=1e-12)
+    assert np.diag(once)[[6, 11]] == pytest.approx([0.3**2 * half, 2.0**2 * half], rel=1e-12)
+
+
 def test_what_cannot_be_told_is_refused(field, body):
     read = field.readings(PLACE, body, 0.0)
     with pytest.raises(NotConverged):
