@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from fieldmap.device.model import Device as Device
     from fieldmap.device.model import Driver as Driver
     from fieldmap.device.model import ExtrudedPolygon as ExtrudedPolygon
+    from fieldmap.device.model import FieldSensor as FieldSensor
     from fieldmap.device.model import FluxBarrier as FluxBarrier
     from fieldmap.device.model import Froehlich as Froehlich
     from fieldmap.device.model import Joint as Joint
@@ -96,6 +97,7 @@ _PARTS = (
     "Device",
     "Driver",
     "ExtrudedPolygon",
+    "FieldSensor",
     "FluxBarrier",
     "Froehlich",
     "Joint",

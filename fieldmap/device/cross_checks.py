@@ -21,7 +21,9 @@ def cross_findings(data: dict[str, Any], folder: Path, missing: set[str]) -> lis
 
     missing: dotted paths of required keys that are already known to be missing; their sources are no mistake.
     """
-    found = [finding for key in ("body", "coil", "section") for finding in _duplicate_names(data, key)]
+    found = [
+        finding for key in ("body", "coil", "section", "sensor") for finding in _duplicate_names(data, key)
+    ]
     found += [*_unknown_materials(data), *_pieces_of_no_iron(data)]
     found += _names_of_no_body(data, "section", "bodies", patterns=False)
     found += _names_of_no_body(data, "joint", "between", patterns=True)

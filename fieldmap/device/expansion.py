@@ -29,7 +29,7 @@ from fieldmap.shipped import is_file, shipped_file
 
 TABLES = ("body", "coil")
 """Arrays of tables that can be repeated and mirrored, and that can have defaults."""
-_NAMED = (*TABLES, "section", "joint")
+_NAMED = (*TABLES, "section", "joint", "sensor")
 _OWN = ("include", "without", "parameters", "defaults")
 DEEPEST = 8
 MOST_FILES = 32

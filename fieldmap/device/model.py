@@ -37,6 +37,7 @@ from fieldmap.device.materials.permanent_magnet import PermanentMagnet as Perman
 from fieldmap.device.parts import AnyBody, AnyReference, AnyWorkspace
 from fieldmap.device.parts import Body as Body
 from fieldmap.device.parts import Driver as Driver
+from fieldmap.device.parts import FieldSensor as FieldSensor
 from fieldmap.device.parts import Joint as Joint
 from fieldmap.device.parts import Part as Part
 from fieldmap.device.parts import Reference as Reference
@@ -80,8 +81,8 @@ from fieldmap.inputs.writing import Writing
 from fieldmap.records import FrozenDict, card
 
 _EMPTY: Mapping[str, str] = FrozenDict({})
-BACKGROUND, DRIVER, JOINT, SECTION = map(table_of, (Background, Driver, Joint, Section))
-_SEQUENCES = ("coils", "bodies", "references", "sections", "joints")
+BACKGROUND, DRIVER, JOINT, SECTION, SENSOR = map(table_of, (Background, Driver, Joint, Section, FieldSensor))
+_SEQUENCES = ("coils", "bodies", "references", "sections", "joints", "sensors")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,9 +91,9 @@ class Device(Made):
 
     title: one line about the device; "" stands for the name. materials: by the names that bodies use; a material with
     another name is renamed. background: a field that nothing in the device drives. joints: thin gaps between bodies
-    that touch. provenance: source of each number, by its key path in the file. Map files record `text` and `included`:
-    `text` is the file as read, or the text of `to_toml`; `included` maps each file that it names to its text (material
-    files) or to "sha256:..." of its bytes (STEP and mesh files).
+    that touch. sensors: what reads the flux density. provenance: source of each number, by its key path in the file.
+    Map files record `text` and `included`: `text` is the file as read, or the text of `to_toml`; `included` maps each
+    file that it names to its text (material files) or to "sha256:..." of its bytes (STEP and mesh files).
 
     >>> coil = CircularCoil("coil", inner_radius=0.02, outer_radius=0.03, height=0.01, turns=100)
     >>> Device("pair", "Two coils", coils=coil.along([0.0, 0.0, 0.03], 2)).coil_names
@@ -134,6 +135,10 @@ class Device(Made):
     joints: Annotated[
         tuple[Joint, ...],
         Key(list[JOINT], "[[joint]] tables: thin gaps between bodies that touch", name="joint"),
+    ] = ()
+    sensors: Annotated[
+        tuple[FieldSensor, ...],
+        Key(list[SENSOR], "[[sensor]] tables: Hall and fluxgate elements", name="sensor"),
     ] = ()
 
     def __post_init__(self) -> None:
@@ -441,7 +446,7 @@ def _follows_from_what_is_left_out(finding: Finding, written: Writing, without_m
 def _problem(written: Writing, finding: Finding) -> Problem:
     location = finding.location
     title = f'Device "{written.data.get("name")}"'
-    if len(location) > 1 and location[0] in ("body", "coil", "section", "material"):
+    if len(location) > 1 and location[0] in ("body", "coil", "section", "sensor", "material"):
         at = (*location[:2], "name")
         name = location[1] if location[0] == "material" else value_at(written.data, at)
         title += f', {location[0]} "{name}"' if isinstance(name, str) else ""

@@ -294,7 +294,7 @@ def joint_of(joints: Sequence[Joint], first: str, second: str) -> Joint | None:
 
 def _require_direction(normal: list[float], info: ValidationInfo) -> None:
     if not any(normal):
-        raise broken("the normal must have a direction", "[0, 0, 0]", "give for instance [0, 0, 1]")
+        raise broken("the vector must have a direction", "[0, 0, 0]", "give for instance [0, 0, 1]")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -317,6 +317,32 @@ class Section(Made):
     half_widths: Annotated[
         Array | None, Key(Size | None, "[x, y, z]: the section ends at these distances from the centre", "mm")
     ] = None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FieldSensor(Made):
+    """An element that reads the flux density at a place along an axis, such as a Hall or a fluxgate element.
+
+    position (3,): of the sensitive spot, m. axis (3,): of any length; a positive reading is a flux density along it.
+    The element itself is taken to be small and not magnetic. Its electronics are an instrument
+    (`fieldmap.instruments.FieldElement`).
+    """
+
+    name: Annotated[str, Key(Name, "the sensor's name, its own among the sensors")]
+    position: Annotated[Array, Key(Point, "[x, y, z] of the sensitive spot", "mm")]
+    axis: Annotated[
+        Array,
+        Key(
+            Vector,
+            "[x, y, z] along the flux density that counts as positive; any length",
+            check=_require_direction,
+        ),
+    ]
+
+    @property
+    def direction(self) -> Array:
+        """Unit vector (3,) along the axis."""
+        return np.asarray(self.axis / np.linalg.norm(self.axis))
 
 
 # ---- what drives it, and where --------------------------------------------------------------

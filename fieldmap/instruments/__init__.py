@@ -1,11 +1,20 @@
-"""What stands between a machine and its controller: sensor frames, micrometers, converters, amplifiers, noise.
+"""What stands between a machine and its controller: sensors, converters, amplifiers, noise, estimators of a pose.
 
 Each instrument is a frozen set of data-sheet numbers; functions turn it into a calculator (what accuracy to expect)
 or a block of a simulation (what the controller sees), with noise from a seeded `numpy.random.Generator`.
-Depends on: errors, arguments, core. Knows no particular card or rig: their numbers are the user's.
+Depends on: errors, arguments, core, lookup. Knows no particular card or rig: their numbers are the user's.
 """
 
 from fieldmap.instruments.converter import Accuracy, Amplifier, Converter, absolute_accuracy
+from fieldmap.instruments.field_element import FieldElement, measured_readings
+from fieldmap.instruments.pose_estimation import (
+    Observability,
+    PoseEstimate,
+    PoseFilter,
+    TrackedPose,
+    estimate_pose,
+    observability,
+)
 from fieldmap.instruments.rig import (
     ErrorBudget,
     Rig,
@@ -23,15 +32,23 @@ __all__ = [
     "Amplifier",
     "Converter",
     "ErrorBudget",
+    "FieldElement",
     "Micrometer",
+    "Observability",
+    "PoseEstimate",
+    "PoseFilter",
     "Rig",
     "RigNoise",
     "SensorFrame",
+    "TrackedPose",
     "absolute_accuracy",
     "draw_noise",
     "driven_currents",
     "error_budget",
+    "estimate_pose",
     "loop_instruments",
     "measured_positions",
+    "measured_readings",
+    "observability",
     "watch",
 ]

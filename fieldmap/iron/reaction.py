@@ -24,6 +24,7 @@ import numpy as np
 from scipy.linalg import eigh, qr
 
 from fieldmap.constants import MU0
+from fieldmap.device.parts import FieldSensor
 from fieldmap.field import STEP
 from fieldmap.iron.elements.nodal_elements import FieldOfPoints
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
@@ -109,6 +110,65 @@ class ReactionFields(Record):
         shifted = np.concatenate([where + steps[:, None], where - steps[:, None]]).reshape(-1, 3)
         slopes = self.fields(shifted)[1].reshape(count, 2, 3, len(where), 3, 3)
         return np.moveaxis(slopes[:, 0] - slopes[:, 1], 1, -1) / (2.0 * STEP)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DipoleAnswers(Record):
+    """The fields of iron that each of k dipoles of 1 A m^2 magnetises: charge densities (k, s) on faces, T/(A m^2).
+
+    By reciprocity the answer to a dipole along a sensor's axis, in its place, tells what the sensor reads of the iron's
+    reaction to a magnet: the moment times the answer at the magnet (docs/field_sensors.md).
+    """
+
+    faces: ChargedFaces
+    charge: Array
+
+    def fields(self, points: Array) -> tuple[Array, Array]:
+        """The fields at points.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3) in the air, m.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            B (k, n, 3), T/(A m^2), and dB_i/dx_j (k, n, 3, 3).
+        """
+        return self.faces.field_and_gradient(points, self.charge)
+
+
+def answers_to_sensors(
+    solve: Solve, faces: ChargedFaces, sensors: Sequence[FieldSensor]
+) -> DipoleAnswers | None:
+    """The answers of iron to dipoles in the places of sensors, along their axes.
+
+    Parameters
+    ----------
+    solve
+        Solves the iron: linear iron, or saturating iron linearised about a state.
+    faces
+        Of the iron.
+    sensors
+        The sensors; they lie in the air.
+
+    Returns
+    -------
+    DipoleAnswers | None
+        The answers, in the order of the sensors; None without sensors.
+
+    Raises
+    ------
+    NotConverged
+        If the iron cannot be solved.
+    """
+    if not sensors:
+        return None
+    dipoles = _Dipoles(
+        *(np.array([getattr(one, name) for one in sensors]) for name in ("position", "direction"))
+    )
+    return DipoleAnswers(faces, MU0 * _solved(solve, dipoles))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

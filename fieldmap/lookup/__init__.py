@@ -11,6 +11,7 @@ from fieldmap.lookup.actuation import (
 from fieldmap.lookup.current_table import CurrentTable
 from fieldmap.lookup.evaluation import Evaluator, MapAtCurrents
 from fieldmap.lookup.field_map import FieldMap, interpolate, open_map
+from fieldmap.lookup.field_sensors import MapSensors
 from fieldmap.lookup.finite_magnet import FiniteMagnet, finite_magnet, volume_rule
 from fieldmap.lookup.flux_linkage import back_emf, payload_linkage
 from fieldmap.lookup.inverse import currents_for
@@ -37,6 +38,7 @@ __all__ = [
     "Jump",
     "MagneticBody",
     "MapAtCurrents",
+    "MapSensors",
     "SeveralForces",
     "SoftPiece",
     "back_emf",

@@ -21,7 +21,7 @@ from fieldmap.field import Bounds, FieldAtCurrents, MagneticLoad, of_any_shape
 from fieldmap.interpolants import INTERPOLANTS, Form, contract, set_size
 from fieldmap.reaction import signs_of
 from fieldmap.records import Record, short, shortened
-from fieldmap.store import Grid, StoredReaction
+from fieldmap.store import Grid, StoredFields, StoredReaction
 from fieldmap.threads import in_pieces
 from fieldmap.typing import Array
 
@@ -245,8 +245,8 @@ class Box(Record):
             raise outside_error(points, n_outside, self.lower, self.upper)
 
 
-class MapReaction:
-    """The iron's reaction to magnets from the fields that a map holds of it: a `fieldmap.reaction.Reaction`.
+class MapFields:
+    """Fields that a map holds beside those of its coils.
 
     Parameters
     ----------
@@ -260,16 +260,11 @@ class MapReaction:
         Of the map, with its rule for points outside.
     """
 
-    def __init__(self, stored: StoredReaction, grid: Grid, kind: str, box: Box) -> None:
+    def __init__(self, stored: StoredFields, grid: Grid, kind: str, box: Box) -> None:
         own = INTERPOLANTS[kind]
         form = (own if own.kind is not None else INTERPOLANTS["harmonic"]).form(stored.on(grid), box.outside)
-        self._box, self.repelled = box, stored.repelled
+        self._box = box
         self.core = CoreMap(form.unit)
-
-    @property
-    def signs(self) -> Array:
-        """Signs (k,)."""
-        return signs_of(self.core.sets, self.repelled)
 
     def fields(self, points: Array) -> tuple[Array, Array]:
         """See `fieldmap.reaction.Reaction`. Raises OutsideMapError by the rule of the map."""
@@ -285,6 +280,19 @@ class MapReaction:
         for k, weights in enumerate(np.eye(count)):
             in_chunks(self.core.second_gradients, where, [weights[None], second[k]], self._box)
         return second
+
+
+class MapReaction(MapFields):
+    """The iron's reaction to magnets: a `fieldmap.reaction.Reaction`. stored, grid, kind, box: as of `MapFields`."""
+
+    def __init__(self, stored: StoredReaction, grid: Grid, kind: str, box: Box) -> None:
+        super().__init__(stored, grid, kind, box)
+        self.repelled = stored.repelled
+
+    @property
+    def signs(self) -> Array:
+        """Signs (k,)."""
+        return signs_of(self.core.sets, self.repelled)
 
 
 def core_of(reaction: MapReaction | None) -> tuple[CoreMap | None, int]:

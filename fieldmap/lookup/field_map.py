@@ -31,9 +31,11 @@ from fieldmap.lookup.evaluation import (
     CompiledEvaluator,
     Evaluator,
     MapAtCurrents,
+    MapFields,
     MapReaction,
     in_chunks,
 )
+from fieldmap.lookup.field_sensors import MapSensors
 from fieldmap.lookup.flux_linkage import back_emf, payload_linkage
 from fieldmap.lookup.inverse import least_power_currents
 from fieldmap.lookup.inverse_problem import SumOfFields
@@ -130,6 +132,11 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         self._reaction: MapReaction | None = None
         if reaction and data.reaction is not None:
             self._reaction = MapReaction(data.reaction, data.grid, kind, self._box)
+        self._sensors: MapSensors | None = None
+        if data.sensors is not None:
+            answers = data.sensors.answers
+            of_iron = None if answers is None else MapFields(answers, data.grid, kind, self._box)
+            self._sensors = MapSensors(data.sensors, of_iron)
         made = evaluator or INTERPOLANTS[kind].evaluator
         self._evaluator: Evaluator = (
             CompiledEvaluator(self._form, reaction=self._reaction) if made is None else made(self._form)
@@ -157,6 +164,11 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         """The reaction of the iron to magnets, which forces and torques contain; None of a map that does not hold it,
         and of one opened with reaction=False."""
         return self._reaction
+
+    @property
+    def sensors(self) -> MapSensors | None:
+        """The field sensors of the device; None of a map without, and of maps of earlier versions."""
+        return self._sensors
 
     @property
     def has_iron(self) -> bool:
@@ -751,6 +763,89 @@ class FieldMap(Field, own_shapes=ONE_POINT):
             if load is not None:
                 return load
         return super().wrench(positions, moments, currents, orientations)
+
+    def readings(
+        self,
+        positions: ArrayLike,
+        moments: ArrayLike | MagneticBody,
+        currents: Any,
+        orientations: ArrayLike | None = None,
+    ) -> Array:
+        """What the field sensors of the device read: docs/field_sensors.md (1).
+
+        Parameters
+        ----------
+        positions, moments, currents, orientations
+            Of a magnet or a body, as for `wrench`.
+
+        Returns
+        -------
+        Array
+            Flux densities along the axes of the sensors (..., s), T.
+
+        Raises
+        ------
+        InputError
+            For a map without sensors.
+        OutsideMapError
+            As for `field`.
+
+        Examples
+        --------
+        >>> m.readings([0, 0, -0.09], [0, 0, 0.8], currents=1.5)                             # doctest: +SKIP
+        """
+        return self._read(positions, moments, currents, orientations, slopes=False)[0]
+
+    def readings_and_slopes(
+        self,
+        positions: ArrayLike,
+        moments: ArrayLike | MagneticBody,
+        currents: Any,
+        orientations: ArrayLike | None = None,
+    ) -> tuple[Array, Array]:
+        """`readings`, and their derivatives by the pose: the sensitivity of the sensors.
+
+        Parameters
+        ----------
+        positions, moments, currents, orientations
+            As for `readings`; a body of magnets alone.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            Readings (..., s), T, and derivatives (..., s, 6) by the place, T/m, and by a turn about the axes of the
+            field through the given position, T/rad.
+
+        Raises
+        ------
+        InputError
+            As for `readings`, and for a body with soft iron.
+        OutsideMapError
+            As for `field`.
+        """
+        if isinstance(moments, MagneticBody) and moments.soft:
+            must_hold, remedy = (
+                "a body of magnets alone",
+                "leave the soft iron out, or take differences of `readings`",
+            )
+            raise InputError.of("readings_and_slopes, moments", must_hold, "soft iron", remedy)
+        return self._read(positions, moments, currents, orientations, slopes=True)
+
+    def _read(
+        self, positions: ArrayLike, moments: Any, currents: Any, orientations: ArrayLike | None, slopes: bool
+    ) -> tuple[Array, Array]:
+        if self._sensors is None:
+            remedy = "give the device [[sensor]] tables and make the map with this version"
+            raise InputError.of("readings", "a map with field sensors", "a map without", remedy)
+        where, single = checked_vectors("positions", positions)
+        if isinstance(moments, MagneticBody):
+            arms, dipoles = moments.dipoles(self, where, currents, orientations)
+        else:
+            arms = np.zeros((len(where), 1, 3))
+            dipoles = np.broadcast_to(checked_vectors("moments", moments)[0], where.shape)[:, None]
+        own = self._sensors.of_currents(self._weights(self._amperes(currents, len(where))))
+        read, by_pose = self._sensors.of_magnets(where, arms, dipoles, slopes)
+        return (read[0] + own, by_pose[0]) if single else (read + own, by_pose)
 
     def actuation(
         self,

@@ -17,6 +17,8 @@ from fieldmap.lookup.actuation import derivatives_by_currents, wrench_actuation
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.typing import Array
 
+_REMEDY = "give x, y, z in the frame of the field"
+
 
 def payload_linkage(
     field: AnyField,
@@ -54,9 +56,10 @@ def payload_linkage(
     """
     source = as_field(field)
     body = moment if isinstance(moment, MagneticBody) else MagneticBody.dipole(moment)
-    points, moments = body.dipoles(source, position, currents, orientation)
-    by_flux = derivatives_by_currents(source, points, currents)[0]
-    return np.asarray(np.einsum("qni,qi->n", by_flux, moments))
+    place = check_vector("payload_linkage(position)", position, _REMEDY)
+    arms, moments = body.dipoles(source, place[None], currents, orientation)
+    by_flux = derivatives_by_currents(source, place + arms[0], currents)[0]
+    return np.asarray(np.einsum("qni,qi->n", by_flux, moments[0]))
 
 
 def back_emf(
@@ -92,8 +95,7 @@ def back_emf(
     OutsideMapError, InputError
         As for `payload_linkage`.
     """
-    remedy = "give x, y, z in the frame of the field"
     given = {"velocity": velocity, "angular_velocity": angular_velocity}
-    twist = [check_vector(f"back_emf({name})", values, remedy) for name, values in given.items()]
+    twist = [check_vector(f"back_emf({name})", values, _REMEDY) for name, values in given.items()]
     rows = wrench_actuation(field, position, moment, currents, orientation).matrix
     return np.asarray(np.concatenate(twist) @ rows)

@@ -163,6 +163,28 @@ class MagneticBody(Record):
         values += 0.5 * reacting.squares
         return values[0] if single else values
 
+    def dipoles(
+        self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
+    ) -> tuple[Array, Array]:
+        """The dipoles of the body in the frame of the field.
+
+        Parameters
+        ----------
+        field, positions, currents, orientations
+            As for `wrench`.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            Arms (n, count, 3) from the centres, m, and moments (n, count, 3), A m^2: of the magnets, then of the soft
+            pieces.
+        """
+        if not self.soft:
+            turn = checked_turns(orientations, len(checked_vectors("positions", positions)[0]))
+            return tuple(np.einsum("nij,qj->nqi", turn, of) for of in (self.points, self.moments))
+        arms, turn, flux, *_ = self._asked(field, positions, currents, orientations)
+        return arms, self._moments(turn, flux)[0]
+
     def induced_moment(
         self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
     ) -> Array:
@@ -178,28 +200,8 @@ class MagneticBody(Record):
         Array
             Moments (n, s, 3) of s soft pieces, A m^2.
         """
-        _, turn, flux, _, _, single = self._asked(field, positions, currents, orientations)
-        dipoles = self._moments(turn, flux)[0][:, len(self.points) :]
-        return dipoles[0] if single else dipoles
-
-    def dipoles(
-        self, field: AnyField, position: ArrayLike, currents: Any, orientation: ArrayLike | None = None
-    ) -> tuple[Array, Array]:
-        """The dipoles that stand for the body at one position, those of soft iron magnetised by the field.
-
-        Parameters
-        ----------
-        field, position, currents, orientation
-            As for `stiffness`.
-
-        Returns
-        -------
-        tuple[Array, Array]
-            Points (count, 3), m, and moments (count, 3), A m^2, in the frame of the field.
-        """
-        place = np.reshape(position, (1, 3))
-        arms, turn, flux, _, _, _ = self._asked(field, place, currents, orientation)
-        return place + arms[0], self._moments(turn, flux)[0][0]
+        moments = self.dipoles(field, positions, currents, orientations)[1][:, len(self.points) :]
+        return moments[0] if np.ndim(positions) == 1 else moments
 
     def whole_moment(
         self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
@@ -216,9 +218,8 @@ class MagneticBody(Record):
         Array
             Moment (n, 3), A m^2.
         """
-        _, turn, flux, _, _, single = self._asked(field, positions, currents, orientations)
-        total = self._moments(turn, flux)[0].sum(axis=1)
-        return total[0] if single else total
+        total = self.dipoles(field, positions, currents, orientations)[1].sum(axis=1)
+        return total[0] if np.ndim(positions) == 1 else total
 
     def stiffness(
         self, field: AnyField, position: ArrayLike, currents: Any, orientation: ArrayLike | None = None
@@ -227,14 +228,8 @@ class MagneticBody(Record):
 
         Parameters
         ----------
-        field
-            Any field: see `fieldmap.field.as_field`.
-        position
-            Centre (3,) in the frame of the field, m.
-        currents
-            Currents (n_coils,), A.
-        orientation
-            Rotation (3, 3) whose columns are the body's axes; upright unless given.
+        field, position, currents, orientation
+            As for `wrench`, of one body.
 
         Returns
         -------

@@ -20,7 +20,7 @@ from fieldmap.device.model import Background, Coil, Device
 from fieldmap.iron import LinearSolution, NonlinearSolver, SolverReport
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
-from fieldmap.iron.reaction import ReactionFields
+from fieldmap.iron.reaction import DipoleAnswers, ReactionFields
 from fieldmap.maps.forecast import Forecast
 from fieldmap.maps.training.currents import corner_signals
 from fieldmap.maps.training.hysteresis import train_along_paths
@@ -43,8 +43,8 @@ PROBES_PER_EDGE = 7
 SPENT = ("generation_seconds", "generation_processor_seconds")
 _FACES = [field.name for field in fields(ChargedFaces)]
 
-REACTION = "reaction"
-"""Key in the checkpoint of the iron's reaction to magnets."""
+REACTION, ANSWERS = "reaction", "answers to sensors"
+"""Keys in the checkpoint of the iron's reaction to magnets, and of its answers to dipoles in the places of sensors."""
 
 Kept: TypeAlias = tuple[Mapping[str, Array], Mapping[str, Any]]
 
@@ -82,6 +82,16 @@ def reaction_arrays(reaction: ReactionFields | None) -> Kept:
         return {}, {}
     names = ("repelled", "dipoles", "asymmetry", "error", "change")
     return _faces_to(reaction.faces, reaction.charge), {name: getattr(reaction, name) for name in names}
+
+
+def answers_arrays(answers: DipoleAnswers | None) -> Kept:
+    """Arrays of the iron's answers to the sensors; none where there are none."""
+    return ({} if answers is None else _faces_to(answers.faces, answers.charge)), {}
+
+
+def answers_from(arrays: Mapping[str, Array]) -> DipoleAnswers | None:
+    """The answers of `answers_arrays`."""
+    return DipoleAnswers(*_faces_from(arrays)) if arrays else None
 
 
 def reaction_from(arrays: Mapping[str, Array], about: Mapping[str, Any]) -> ReactionFields | None:
@@ -216,6 +226,9 @@ def trained_arrays(
         solved = SolvedStates(checkpoint, common, workers)
         trained = train(solver, domain, plan, points, reference, solved, forecast)
         surface = solver.surface
+    if device.sensors:
+        assembled_iron = path_solver.solver if hysteresis else solver
+        checkpoint.put(ANSWERS, *answers_arrays(assembled_iron.answers_to_sensors()))
     if reaction:
         box, corners = (grid.lower, grid.upper), domain.parametrisation.currents(corner_signals(domain))
         strongest = corners[np.linalg.norm(corners, axis=1).argmax()]

@@ -21,16 +21,19 @@ from fieldmap.device.model import Device, WorkspaceBox
 from fieldmap.errors import FieldmapError, InputError, MapFileError, RecipeError
 from fieldmap.inputs.document import AtKey
 from fieldmap.iron import LinearSolution, check_geometry
-from fieldmap.iron.reaction import ReactionFields
+from fieldmap.iron.reaction import DipoleAnswers, ReactionFields
 from fieldmap.iron.solvers.linear import solve_linear_and_reaction
 from fieldmap.maps.acceptance import require_accuracy
 from fieldmap.maps.error_bound import SOLVER_POINTS, certified_bounds, interpolation_error
 from fieldmap.maps.fields import (
+    ANSWERS,
     REACTION,
     SPENT,
     Kept,
     SaturatingFields,
     Stopwatch,
+    answers_arrays,
+    answers_from,
     from_arrays,
     kept,
     linkage_in_air,
@@ -63,8 +66,10 @@ from fieldmap.store import (
     MapInfo,
     MapWriter,
     Provenance,
+    StoredFields,
     StoredLinkage,
     StoredReaction,
+    StoredSensors,
     checkpoint_path,
     read_info,
 )
@@ -272,15 +277,16 @@ def _linear(order: Recipe, device: Device, writer: MapWriter, workers: Workers, 
 
     def solve() -> Kept:
         box = (grid.lower, grid.upper) if order.reaction else None
-        solution, reaction = solve_linear_and_reaction(
+        solution, reaction, answers = solve_linear_and_reaction(
             device, order.mu_r, order.tolerance, tell, order.refinement, box=box
         )
         checkpoint.put(REACTION, *reaction_arrays(reaction))
+        checkpoint.put(ANSWERS, *answers_arrays(answers))
         return to_arrays(solution)
 
     solution = from_arrays(device, *kept(checkpoint, "solution", solve))
     linkage = partial(linkage_of, solution)
-    _fill(writer, solution, linkage, workers, writer.info.field_scale, forecast)
+    _fill(writer, device, solution, linkage, workers, writer.info.field_scale, forecast)
 
 
 def _saturating(
@@ -311,11 +317,12 @@ def _saturating(
     writer.info = replace(info, reduced_model=trained.model, current_error=trained.error)
     linkage = partial(linkage_in_air, device, trained.remanent)
     weights, about = trained.largest_weights, trained.about
-    _fill(writer, trained.fields, linkage, workers, weights, forecast, about, spent, accepted)
+    _fill(writer, device, trained.fields, linkage, workers, weights, forecast, about, spent, accepted)
 
 
 def _fill(
     writer: MapWriter,
+    device: Device,
     fields: Fields,
     linkage: Callable[[], StoredLinkage],
     workers: Workers,
@@ -342,8 +349,11 @@ def _fill(
 
     reaction = reaction_from(*kept(writer.checkpoint, REACTION, reaction_arrays, None))
     linkages, lacking = _known_linkage(linkage)
-    at_nodes = _at_nodes(reaction, writer.info.grid, workers)
-    data = replace(writer.data(), reaction=at_nodes, linkage=linkages)
+    stored, grid = None, writer.info.grid
+    if reaction is not None:
+        stored = StoredReaction(*_at_nodes(reaction, grid, workers), reaction.repelled)
+    sensors = _sensors(device, fields, writer, workers)
+    data = replace(writer.data(), reaction=stored, linkage=linkages, sensors=sensors)
     read = data.as_read()
     error = interpolation_error(read, unit_fields)
     bounds = certified_bounds(read, unit_fields, largest_weights)
@@ -354,6 +364,11 @@ def _fill(
         report["reaction"] = {"fields": len(reaction.charge), **reaction_arrays(reaction)[1]}
     if lacking:
         report["without_linkage"] = lacking
+    if device.sensors and not isinstance(fields, LinearSolution):
+        assumptions = (
+            *assumptions,
+            "sensors: saturating iron answers to magnets as it does without currents",
+        )
     if spent is not None:
         report |= {**spent.read(), **peak_memory()}
     if accepted is not None:
@@ -373,21 +388,32 @@ def _known_linkage(linkage: Callable[[], StoredLinkage]) -> tuple[StoredLinkage 
         return None, str(error)
 
 
-def _at_nodes(reaction: ReactionFields | None, grid: Grid, workers: Workers) -> StoredReaction | None:
-    """The fields of the reaction at the nodes, rounded as a file holds them."""
-    if reaction is None:
+def _sensors(device: Device, fields: Fields, writer: MapWriter, workers: Workers) -> StoredSensors | None:
+    """What the map's fields and magnets in its box give in the sensors of the device."""
+    if not device.sensors:
         return None
+    places, axes = (
+        np.array([getattr(one, name) for one in device.sensors]) for name in ("position", "direction")
+    )
+    shares = np.einsum("ksi,si->sk", fields.source_fields(places)[0], axes)
+    answers = answers_from(kept(writer.checkpoint, ANSWERS, answers_arrays, None)[0])
+    stored = None if answers is None else StoredFields(*_at_nodes(answers, writer.info.grid, workers))
+    return StoredSensors(tuple(one.name for one in device.sensors), places, axes, shares, stored)
+
+
+def _at_nodes(of_iron: ReactionFields | DipoleAnswers, grid: Grid, workers: Workers) -> tuple[Array, Array]:
+    """Flux density and gradient of fields of the iron at the nodes, rounded as a file holds them."""
     chunks = [grid.points(chunk.first, chunk.last) for chunk in chunks_of(grid)]
-    pairs = workers.results(_reaction_fields, chunks, Common.of(reaction))
+    pairs = workers.results(_fields_of_iron, chunks, Common.of(of_iron))
     arrays = (
         np.concatenate(parts, axis=1).astype(np.float32).astype(float) for parts in zip(*pairs, strict=True)
     )
     flux, gradient = (values.reshape(len(values), *grid.shape, *values.shape[2:]) for values in arrays)
-    return StoredReaction(flux, gradient, reaction.repelled)
+    return flux, gradient
 
 
-def _reaction_fields(reaction: ReactionFields, points: Array) -> tuple[Array, Array]:
-    return reaction.fields(points)
+def _fields_of_iron(of_iron: ReactionFields | DipoleAnswers, points: Array) -> tuple[Array, Array]:
+    return of_iron.fields(points)
 
 
 def _unit_fields(fields: Fields, points: Array) -> tuple[Array, Array]:

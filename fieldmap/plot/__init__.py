@@ -19,7 +19,7 @@ from fieldmap.plot.device_drawing import device_scene
 from fieldmap.plot.picture import save_picture
 from fieldmap.plot.scenes import SCENES, make_scene, save_scene
 from fieldmap.plot.shown import Shown
-from fieldmap.plot.slices import field_along, field_slice, force_slice
+from fieldmap.plot.slices import field_along, field_slice, force_slice, sensing_slice
 
 __all__ = [
     "SCENES",
@@ -31,4 +31,5 @@ __all__ = [
     "make_scene",
     "save_picture",
     "save_scene",
+    "sensing_slice",
 ]

@@ -6,11 +6,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_choice, checked_vectors
+from fieldmap.arguments import check, check_choice, checked_vectors
 from fieldmap.constants import GRAVITY
 from fieldmap.device.model import Payload
 from fieldmap.field import AnyField, Bounds, require_bounds, resolve_currents
+from fieldmap.instruments import observability
 from fieldmap.levitation.balance import upright_force
+from fieldmap.lookup import FieldMap, MagneticBody
 from fieldmap.plot.device_drawing import MAGNET
 from fieldmap.plot.forces import net_force
 from fieldmap.plot.places import AXES, MM, plane_of
@@ -22,6 +24,7 @@ _SHADED, _ARROWS = (61, 81), (9, 13)
 """Points along the two axes of a slice: of what is coloured, and of the arrows."""
 _ON_LINE = 201
 _COMPONENTS = ("Bx", "By", "Bz")
+_SENSED = ("place", "tilt", "singular value")
 
 
 def field_slice(
@@ -122,6 +125,67 @@ def force_slice(
     longest = float(np.linalg.norm(net, axis=1).max())
     prefix, factor = fitting_prefix(longest)
     ax.set_title(f"arrows: net force, up to {factor * longest:.2g} {prefix.replace('u', 'µ')}N")
+    return ax
+
+
+def sensing_slice(
+    field_map: FieldMap,
+    body: MagneticBody,
+    deviation: ArrayLike,
+    *,
+    shows: str = "place",
+    normal: str = "y",
+    at: float | None = None,
+    bounds: Bounds | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw how well field sensors tell the pose of an upright magnet whose centre lies in a plane.
+
+    Parameters
+    ----------
+    field_map, body, deviation
+        As for `fieldmap.instruments.observability`.
+    shows
+        "place" or "tilt", the largest standard deviation of an estimate from one set of readings, or "singular value",
+        the smallest of the sensitivity matrix.
+    normal, at, ax
+        As for `field_slice`.
+    bounds
+        Lower and upper corner (3,), m, for the centre of the magnet; where the magnet lies in the map unless given.
+
+    Returns
+    -------
+    Axes
+        The Axes, lengths in mm.
+
+    Raises
+    ------
+    InputError
+        As `observability`, and for another word than those of `shows`.
+    OutsideMapError
+        For bounds within which the magnet leaves the map.
+    """
+    reach = np.abs(body.points).max(axis=0, initial=0.0)
+    lower, upper = bounds or (field_map.lower + reach, field_map.upper - reach)
+    places, across = plane_of((lower, upper), normal, at, _SHADED)
+    found = observability(field_map, body, places, deviation)
+    shifts, turns = np.hsplit(found.deviations, 2)
+    # A roll that is seen nowhere is no tilt.
+    turns = turns[:, np.isfinite(turns).any(axis=0)]
+    values, label = {
+        "place": (MM * shifts.max(axis=1), "deviation of the place (mm)"),
+        "tilt": (np.rad2deg(turns.max(axis=1, initial=0.0)), "deviation of the tilt (degrees)"),
+        "singular value": (found.smallest, "smallest singular value (1/mm, 1/degree)"),
+    }[check_choice("shows", shows, _SENSED)]
+    must_hold, remedy = (
+        "the sensors must tell it everywhere in the plane",
+        "add sensors, or show another quantity",
+    )
+    check(bool(np.isfinite(values).all()), f'sensing_slice, "{shows}"', must_hold, "no estimate", remedy)
+    ax = _axes(ax)
+    shade(ax, places, values, across, label)
+    (square,) = {0, 1, 2} - set(across)
+    ax.set_title(f"plane {AXES[square]} = {MM * places[0, square]:.4g} mm")
     return ax
 
 

@@ -11,8 +11,10 @@ from fieldmap.store.map_data import (
     MapData,
     MapInfo,
     Provenance,
+    StoredFields,
     StoredLinkage,
     StoredReaction,
+    StoredSensors,
 )
 from fieldmap.store.map_format import Chunk
 from fieldmap.store.map_reader import map_path, read_info, read_map
@@ -37,8 +39,10 @@ __all__ = [
     "Provenance",
     "ReducedModel",
     "RunRecord",
+    "StoredFields",
     "StoredLinkage",
     "StoredReaction",
+    "StoredSensors",
     "check_map",
     "checkpoint_path",
     "is_run_file",

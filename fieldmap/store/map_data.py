@@ -212,19 +212,11 @@ class MapInfo(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class StoredReaction(Record):
-    """Fields on a grid that span the iron's reaction to magnets (`fieldmap.reaction`).
-
-    Attributes
-    ----------
-    flux_density : (k, nx, ny, nz, 3), T/sqrt(J).
-    gradient : (k, nx, ny, nz, 3, 3), T/(m sqrt(J)).
-    repelled : of how many fields, the last, the sign is -1.
-    """
+class StoredFields(Record):
+    """Fields of iron on a grid: flux_density (k, nx, ny, nz, 3), and gradient (k, nx, ny, nz, 3, 3)."""
 
     flux_density: Array
     gradient: Array
-    repelled: int = 0
 
     def on(self, grid: Grid) -> "MapData":
         """The fields as a map of their own, as if each were that of a coil at 1 A.
@@ -242,6 +234,48 @@ class StoredReaction(Record):
         names = tuple(map(str, range(len(self.flux_density))))
         unit = np.ones(len(names))
         return MapData(grid, names, unit, flux_density=self.flux_density, gradient=self.gradient)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StoredReaction(StoredFields):
+    """Fields on a grid, T/sqrt(J) and T/(m sqrt(J)), that span the iron's reaction to magnets (`fieldmap.reaction`).
+    repelled: of how many, the last, the sign is -1."""
+
+    repelled: int = 0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StoredSensors(Record):
+    """What field sensors read in a map.
+
+    Attributes
+    ----------
+    names : of the s sensors.
+    positions : (s, 3), m.
+    axes : (s, 3), unit vectors.
+    shares : (s, n_fields), readings of the map's fields at weight 1, T; T/A for coils.
+    answers : of the iron to a dipole of 1 A m^2 in the place and along the axis of each sensor, T/(A m^2) and
+        T/(A m^3); None without iron.
+
+    Raises
+    ------
+    InputError
+        If a shape does not fit.
+    """
+
+    names: tuple[str, ...]
+    positions: Array
+    axes: Array
+    shares: Array
+    answers: StoredFields | None = None
+
+    def __post_init__(self) -> None:
+        count = len(self.names)
+        shapes = [np.shape(values) for values in (self.positions, self.axes, self.shares)]
+        fits = shapes[:2] == [(count, 3)] * 2 and len(shapes[2]) == 2 and shapes[2][0] == count > 0
+        _check(fits, "sensors", f"a row for each of {count} sensors", f"shapes {shapes}")
+        answered = self.answers is None or len(self.answers.flux_density) == count
+        _check(answered, "sensors, answers", f"one field for each of {count} sensors", "another number")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -290,6 +324,7 @@ class MapData(MapInfo):
     gradient : (n_fields, nx, ny, nz, 3, 3), T/(m A) for coils; gradient[..., i, j] = dB_i/dx_j.
     reaction : of the iron to magnets; None where it is not known.
     linkage : of the coils; None where it is not known.
+    sensors : of the device; None without sensors, and in maps of earlier versions.
 
     Raises
     ------
@@ -301,6 +336,7 @@ class MapData(MapInfo):
     gradient: Array = field(kw_only=True)
     reaction: StoredReaction | None = field(kw_only=True, default=None)
     linkage: StoredLinkage | None = field(kw_only=True, default=None)
+    sensors: StoredSensors | None = field(kw_only=True, default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -310,8 +346,12 @@ class MapData(MapInfo):
             _check(values.shape == wanted, name, f"shape {wanted}", f"shape {values.shape}")
             object.__setattr__(self, name, values)
         if self.linkage is not None:
-            coils, received = len(self.coil_names), len(self.linkage.constant)
-            _check(received == coils, "linkages", f"those of {coils} coils", f"those of {received}")
+            coils, linked = len(self.coil_names), len(self.linkage.constant)
+            _check(linked == coils, "linkages", f"those of {coils} coils", f"those of {linked}")
+        if self.sensors is not None:
+            received = f"{self.sensors.shares.shape[1]} shares"
+            fits = self.sensors.shares.shape[1] == len(self.field_names)
+            _check(fits, "sensors", f"a share for each of {len(self.field_names)} fields", received)
 
     def as_read(self) -> "MapData":
         """The map with the rounding of a file: its fields are multiplied by their scale and divided by it again."""

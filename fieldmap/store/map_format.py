@@ -30,6 +30,9 @@ REPELLED = "repelled"
 LINKAGE = f"{OWN}/linkage"
 """Group of the flux linkages of the coils: data sets by the names of `StoredLinkage`, float64. Readers that do not know
 it read a map without."""
+SENSORS = f"{OWN}/sensors"
+"""Group of what field sensors read: data sets like the arrays of `StoredSensors`, attribute `names` (JSON), and with
+iron a group `answers` of fields, float32. Readers that do not know it read a map without."""
 PARAMETRISATION = "parametrisation"
 """Attribute of the reduced model, JSON: name and parameters of the parametrisation of the currents."""
 DIVISION_EXPONENT = "division_exponent"

@@ -23,7 +23,16 @@ from fieldmap.errors import InputError, MapFileError, Problem
 from fieldmap.file_contents import file_in_words, head_of
 from fieldmap.shipped import is_file, shipped_file
 from fieldmap.store.checkpoint import SUFFIX
-from fieldmap.store.map_data import REACTION_FIELDS, Grid, MapData, MapInfo, StoredLinkage, StoredReaction
+from fieldmap.store.map_data import (
+    REACTION_FIELDS,
+    Grid,
+    MapData,
+    MapInfo,
+    StoredFields,
+    StoredLinkage,
+    StoredReaction,
+    StoredSensors,
+)
 from fieldmap.store.map_format import (
     DIVISION_EXPONENT,
     LINKAGE,
@@ -33,6 +42,7 @@ from fieldmap.store.map_format import (
     REACTION,
     REDUCED_MODEL,
     REPELLED,
+    SENSORS,
     UNREADABLE,
     VERSIONS,
     Quantity,
@@ -159,7 +169,8 @@ def read_map(path: str | os.PathLike[str]) -> MapData:
         arrays = {quantity.name: _values(file, quantity, records, info) for quantity in QUANTITIES}
         reaction = _read_reaction(file, info.grid) if is_hard(file, REACTION.strip("/")) else None
         linkage = _read_linkage(file) if is_hard(file, LINKAGE.strip("/")) else None
-        return MapData(**vars(info), **arrays, reaction=reaction, linkage=linkage)
+        sensors = _read_sensors(file, info) if is_hard(file, SENSORS.strip("/")) else None
+        return MapData(**vars(info), **arrays, reaction=reaction, linkage=linkage, sensors=sensors)
 
 
 def read_info(path: str | os.PathLike[str]) -> MapInfo:
@@ -274,16 +285,11 @@ def _read_reduced_model(file: h5py.File) -> ReducedModel:
 
 def _read_reaction(file: h5py.File, grid: Grid) -> StoredReaction:
     """Read the fields of the iron's reaction to magnets. Raises Refused."""
-    repelled, read = int(hard(file, REACTION).attrs[REPELLED]), {}
-    for name, tail in (("flux_density", (3,)), ("gradient", (3, 3))):
-        data = stored(file, f"{REACTION}/{name}", "f")
-        wanted = (*data.shape[:1], *grid.shape, *tail)
-        if data.shape != wanted or not max(repelled, 1) <= len(data) <= REACTION_FIELDS:
-            must_hold = f"{REACTION}/{name}: shape {wanted}, of {REACTION_FIELDS} fields at most"
-            raise Refused(must_hold, f"{data.shape}, {repelled} of them negative", REMAKE)
-        read[name] = _finite(data).astype(np.float64)
-    if len({len(values) for values in read.values()}) != 1 or repelled < 0:
-        raise Refused(f"{REACTION}: as many gradients as flux densities", "other numbers", REMAKE)
+    repelled, read = int(hard(file, REACTION).attrs[REPELLED]), _read_fields(file, REACTION, grid)
+    count = len(read["flux_density"])
+    if not (0 <= repelled <= count and 1 <= count <= REACTION_FIELDS):
+        must_hold = f"{REACTION}: 1 to {REACTION_FIELDS} fields"
+        raise Refused(must_hold, f"{count}, {repelled} of them negative", REMAKE)
     return StoredReaction(**read, repelled=repelled)
 
 
@@ -291,6 +297,30 @@ def _read_linkage(file: h5py.File) -> StoredLinkage:
     """Read the flux linkages of the coils. Raises Refused, or InputError if they do not fit."""
     names = ("inductance", "constant")
     return StoredLinkage(*(_finite(stored(file, f"{LINKAGE}/{name}", "f")) for name in names))
+
+
+def _read_sensors(file: h5py.File, info: MapInfo) -> StoredSensors:
+    """Read what the sensors read. Raises Refused, ValueError or InputError if the arrays do not fit."""
+    names = json.loads(bytes(hard(file, SENSORS).attrs["names"]).decode())
+    of_each = {
+        name: _finite(stored(file, f"{SENSORS}/{name}", "f")) for name in ("positions", "axes", "shares")
+    }
+    path, answers = f"{SENSORS}/answers", None
+    if is_hard(file, path.strip("/")):
+        answers = StoredFields(**_read_fields(file, path, info.grid))
+    return StoredSensors(tuple(map(str, names)), **of_each, answers=answers)
+
+
+def _read_fields(file: h5py.File, path: str, grid: Grid) -> dict[str, Array]:
+    """Read flux densities and gradients of fields of iron. Raises Refused."""
+    read: dict[str, Array] = {}
+    for name, tail in (("flux_density", (3,)), ("gradient", (3, 3))):
+        data = stored(file, f"{path}/{name}", "f")
+        count = len(read.get("flux_density", data))
+        if data.shape != (wanted := (count, *grid.shape, *tail)):
+            raise Refused(f"{path}/{name}: shape {wanted}", f"{data.shape}", REMAKE)
+        read[name] = _finite(data).astype(np.float64)
+    return read
 
 
 def _parametrisation(file: h5py.File, coils: int) -> CurrentParametrisation:

@@ -18,7 +18,15 @@ import numpy as np
 
 from fieldmap.errors import MapFileError
 from fieldmap.store.checkpoint import Checkpoint, checkpoint_path
-from fieldmap.store.map_data import FieldError, MapData, MapInfo, StoredLinkage, StoredReaction
+from fieldmap.store.map_data import (
+    FieldError,
+    MapData,
+    MapInfo,
+    StoredFields,
+    StoredLinkage,
+    StoredReaction,
+    StoredSensors,
+)
 from fieldmap.store.map_format import (
     DIVISION_EXPONENT,
     LINKAGE,
@@ -27,6 +35,7 @@ from fieldmap.store.map_format import (
     REACTION,
     REDUCED_MODEL,
     REPELLED,
+    SENSORS,
     Chunk,
     chunks_of,
     format_of,
@@ -104,6 +113,7 @@ def _write(file: h5py.File, data: MapData) -> None:
     _write_reduced_model(file, data.reduced_model)
     _write_reaction(file, data.reaction)
     _write_linkage(file, data.linkage)
+    _write_sensors(file, data.sensors)
     completion = own.create_group("completion")
     completion.attrs["complete"] = np.uint8(1)
     completion["chunks"] = np.ones(len(chunks_of(data.grid)), dtype=np.uint8)
@@ -132,8 +142,24 @@ def _write_reaction(file: h5py.File, reaction: StoredReaction | None) -> None:
         return
     group = file.create_group(REACTION)
     group.attrs[REPELLED] = np.int64(reaction.repelled)
+    _write_fields(group, reaction)
+
+
+def _write_sensors(file: h5py.File, sensors: StoredSensors | None) -> None:
+    """Write what the sensors read with checksums; nothing if there are none."""
+    if sensors is None:
+        return
+    group = file.create_group(SENSORS)
+    group.attrs["names"] = fixed(json.dumps(sensors.names))
+    for name in ("positions", "axes", "shares"):
+        group.create_dataset(name, data=getattr(sensors, name), fletcher32=True, fillvalue=np.nan)
+    if sensors.answers is not None:
+        _write_fields(group.create_group("answers"), sensors.answers)
+
+
+def _write_fields(group: h5py.Group, fields: StoredFields) -> None:
     for name in ("flux_density", "gradient"):
-        values = getattr(reaction, name).astype(np.float32)
+        values = getattr(fields, name).astype(np.float32)
         group.create_dataset(name, data=values, fletcher32=True, fillvalue=np.nan)
 
 

@@ -1,11 +1,13 @@
 """The iron's reaction to magnets against images, closed series, and the magnet meshed with the iron."""
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
 import fieldmap as fm
 from fieldmap.constants import MU0
+from fieldmap.device.air_sources import AirSource
 from fieldmap.iron.solvers.linear import solve_linear_and_reaction
 from fieldmap.lookup import magnetic_body
 from validation.row import Array, Row, timed
@@ -13,6 +15,8 @@ from validation.row import Array, Row, timed
 FLUX_DENSITY, FORCE, STIFFNESS = 5e-3, 5e-3, 5e-3
 """Allowed errors of A, of force and stiffness of a dipole, as shares of the exact ones."""
 PULL, THIRD_LAW = 1e-2, 1e-3
+MAGNET_READ, DIPOLE_READ = 5e-3, 1e-4
+"""Allowed errors of readings, as shares of the largest reading."""
 PERMEABILITIES = (2.0, 10.0, 10_000.0)
 # Orders of the closed series.
 _ORDERS = np.arange(1, 300)[:, None]
@@ -35,7 +39,7 @@ the axis: (6, n)."""
 
 def _closed(case: str, device: fm.Device, exact: Exact, distances: Array, mu_r: float) -> Iterator[Row]:
     """Along the z axis at z = distance; force and stiffness from A by F = dA/dz / 2."""
-    (_, found), seconds, cpu = timed(lambda: solve_linear_and_reaction(device, box=device.bounds))
+    (_, found, _), seconds, cpu = timed(lambda: solve_linear_and_reaction(device, box=device.bounds))
     assert found is not None
     points = np.column_stack([0.0 * distances, 0.0 * distances, distances])
     b, g = found.fields(points)
@@ -133,12 +137,20 @@ def _in_a_shell(mu_r: float) -> Exact:
 
 
 def _levitator() -> Iterator[Row]:
-    """The magnet of desk_levitator as a body of the device beside its rule on the map."""
-    device = fm.read_device("desk_levitator")
+    """The magnet of desk_levitator as a body of the device beside its rule on the map; what eight sensors read of it,
+    and of a hundred dipoles in the air of the device."""
+    angles = 0.3 + 0.5 * np.pi * np.arange(4)
+    rounds = [(np.cos(a), np.sin(a)) for a in angles]
+    sensors = [
+        fm.FieldSensor(f"{k} {name}", [0.018 * x, 0.018 * y, -0.035], axis)
+        for k, (x, y) in enumerate(rounds)
+        for name, axis in (("z", [0.0, 0.0, 1.0]), ("r", [x, y, 0.0]))
+    ]
+    device = fm.read_device("desk_levitator").replace(sensors=sensors)
     field = fm.open_map(fm.generate(device, spacing=2e-3, progress=False))
     body = magnetic_body(device.payload)
     ndfeb = fm.PermanentMagnet("ndfeb", np.array([0.0, 0.0, device.payload.magnet.remanence]), 1.0)
-    pull, third = [], []
+    pull, third, read = [], [], []
     for n in range(10):
         x, z, current = 3e-3 * np.sin(n), -0.02 - 1.5e-3 * n, 0.2 * np.cos(2 * n) * (n % 2)
         shape = fm.Part(fm.Cylinder(0.006, 0.01), fm.Placement([x, 0.0, z - 0.005]))
@@ -150,6 +162,28 @@ def _levitator() -> Iterator[Row]:
         pull.append(np.linalg.norm(found - force) / np.linalg.norm(force))
         both = force + solution.force_on("core", [current]) + solution.force_on("1", [current])
         third.append(np.linalg.norm(both) / np.linalg.norm(force))
+        read.append(_misread(field, solution, [x, 0.0, z], body, current))
     source = "force_on, magnet meshed"
     yield Row("desk_levitator", "force on the magnet at 10 places", float(max(pull)), PULL, source)
     yield Row("desk_levitator", "action and reaction", float(max(third)), THIRD_LAW, "third law")
+    yield Row(
+        "desk_levitator", "readings of the magnet at 10 places", max(read), MAGNET_READ, "magnet meshed"
+    )
+    random, bare, alone = np.random.default_rng(1), device.replace(workspace=None), []
+    for _ in range(100):
+        place, moment = (
+            random.uniform([-0.009, -0.009, -0.044], [0.009, 0.009, -0.013]),
+            random.normal(size=3),
+        )
+        dipole = AirSource("Dipole", moment=moment, placement=fm.Placement(place))
+        solution = fm.solve_linear(bare.replace(background=fm.Background(sources=dipole)))
+        alone.append(_misread(field, solution, place, moment, random.uniform(-1.0, 1.0)))
+    yield Row("desk_levitator", "readings of 100 dipoles", max(alone), DIPOLE_READ, "dipole as a background")
+
+
+def _misread(field: fm.lookup.FieldMap, solution: Any, place: Any, magnet: Any, current: float) -> float:
+    """Largest difference of readings, as a share of the largest reading."""
+    assert field.sensors is not None
+    truth = np.sum(solution.field(field.sensors.positions, [current]) * field.sensors.axes, axis=1)
+    off = field.readings(place, magnet, [current]) - truth
+    return float(np.abs(off).max() / np.abs(truth).max())

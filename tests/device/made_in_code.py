@@ -99,6 +99,7 @@ MADE = {
     "driver": ("driver", single(lambda table: fm.Driver(**arguments(table)))),
     "workspace": ("workspace", lambda table: one_of(WORKSPACES, table, "shape")),
     "section": ("sections", several(lambda table: fm.Section(**arguments(table)))),
+    "sensor": ("sensors", several(lambda table: fm.FieldSensor(**arguments(table)))),
     "reference": ("references", several(lambda table: fm.Reference(**arguments(table)))),
 }
 

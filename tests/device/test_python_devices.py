@@ -17,7 +17,7 @@ from fieldmap.sources import CoilSet
 from tests.test_records import same
 
 DEVICES = [name for name in shipped_names("geometry") if not name.startswith("planar")]
-PARTS = ("coils", "bodies", "payload", "driver", "workspace", "sections", "references")
+PARTS = ("coils", "bodies", "payload", "driver", "workspace", "sections", "sensors", "references")
 
 
 def equal(one, other):

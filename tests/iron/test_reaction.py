@@ -44,7 +44,7 @@ def own(reaction, points):
 @pytest.mark.parametrize(("mu_r", "within"), [(0.2, 1e-2), (2.0, 5e-3), (10.0, 5e-3), (10_000.0, 5e-3)])
 def test_ball(mu_r, within):
     """Iron that is less permeable than air repels. Mesh elements are as wide as a fifth of the ball's radius."""
-    _, found = solve_linear_and_reaction(ball(fm.LinearMaterial("iron", mu_r)), box=BOX)
+    _, found, _ = solve_linear_and_reaction(ball(fm.LinearMaterial("iron", mu_r)), box=BOX)
     assert (found.repelled == len(found.charge)) == (mu_r < 1)
     points = np.column_stack([0 * DISTANCES, 0 * DISTANCES, -DISTANCES])
     flux, force = own(found, points)
@@ -79,7 +79,7 @@ def test_saturating_iron_reacts_like_its_tangent():
     law = Froehlich("iron", 100.0, 1.0)
     solver = fm.iron.NonlinearSolver(ball(law))
     found = solver.reaction_in(BOX, others=[np.array([STRONG])])
-    _, linear = solve_linear_and_reaction(ball(fm.LinearMaterial("iron", 100.0)), box=BOX)
+    _, linear, _ = solve_linear_and_reaction(ball(fm.LinearMaterial("iron", 100.0)), box=BOX)
     points = np.array([[0.0, 0.0, -0.036], [0.002, 0.001, -0.042]])
     assert own(found, points)[1] == pytest.approx(own(linear, points)[1], rel=2e-3, abs=1e-6)
     strong = solver.reaction_in(BOX, currents=np.array([STRONG]))

@@ -33,13 +33,14 @@ CURRENTS = {
     "states": 90,
 }
 POINTS = np.array([[0.0, 0.0, -0.01], [5e-3, -3e-3, -0.012], [-6e-3, 4e-3, -8e-3]])
+SENSOR = fm.FieldSensor("1", POINTS[1], [0.6, 0.0, -0.8])
 
 
 @pytest.fixture(scope="module")
 def device():
     cores = fm.read_device(DEVICES / "two_cores.toml")
     steel = replace(cores.materials["steel"], coercive_field=COERCIVE)
-    return cores.replace(materials={"steel": steel})
+    return cores.replace(materials={"steel": steel}, sensors=[SENSOR])
 
 
 @pytest.fixture(scope="module")
@@ -128,12 +129,27 @@ def test_along_paths_that_no_training_saw_the_model_is_the_solver(opened, truth,
         b, g = memory.field_and_gradient(POINTS, currents)
         assert np.linalg.norm(b - flux[k], axis=1).max() < error.flux_density + bound.flux_density
         assert np.linalg.norm(g - slope[k], axis=(1, 2)).max() < error.gradient + bound.gradient
+        read = memory.readings(POINTS[0], np.zeros(3), currents)
+        assert abs(read[0] - b[1] @ SENSOR.axis) < bound.flux_density
     # The error is small beside what the memory makes: the same currents, each straight from the level.
     straight = np.array([opened.field(POINTS, currents) for currents in path.currents])
     assert np.linalg.norm(straight - flux, axis=2).max() > 5.0 * error.flux_density
     # Sample points are not chosen for the heat.
     assert sum(heat) == pytest.approx(loss.sum(), rel=0.01)
     np.testing.assert_allclose(heat, loss, rtol=0.03, atol=0.005 * loss.sum())
+
+
+def test_a_sensor_reads_the_iron_s_reaction_to_a_magnet(opened):
+    """In the box the reaction is known by other solves: its fields at the sensor and at the magnet."""
+    moment = np.array([0.1, -0.2, 0.7])
+    (at_sensor, at_magnet), _ = (np.swapaxes(part, 0, 1)[[1, 0]] for part in opened.reaction.fields(POINTS))
+    reaction = opened.reaction.signs * (at_magnet @ moment) @ at_sensor @ SENSOR.axis
+    r = POINTS[1] - POINTS[0]
+    d = np.linalg.norm(r)
+    direct = 1e-7 * (3.0 * (moment @ r) * r / d**5 - moment / d**3) @ SENSOR.axis
+    still = opened.last_currents
+    read = opened.readings(POINTS[0], moment, still) - opened.readings(POINTS[0], np.zeros(3), still)
+    assert read[0] - direct == pytest.approx(reaction, rel=5e-3)
 
 
 @pytest.mark.parametrize("loop", [0.02, 0.3])

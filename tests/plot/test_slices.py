@@ -7,7 +7,9 @@ from matplotlib.figure import Figure
 import fieldmap as fm
 from fieldmap.constants import GRAVITY
 from fieldmap.errors import InputError
-from fieldmap.plot import field_along, field_slice, force_slice
+from fieldmap.lookup import MagneticBody, interpolate
+from fieldmap.plot import field_along, field_slice, force_slice, sensing_slice
+from fieldmap.store import Grid, MapData, StoredSensors
 from tests.plot.conftest import Harmonic
 
 BOX = np.array([-0.02, -0.03, -0.04]), np.array([0.02, 0.03, 0.06])
@@ -179,3 +181,30 @@ def test_a_field_without_a_box_needs_one(ax):
     with pytest.raises(InputError):
         field_slice(boundless, [1.0], ax=ax)
     field_slice(boundless, [1.0], bounds=BOX, ax=ax)
+
+
+def test_what_a_sensor_sees_of_a_dipole_in_a_plane(ax):
+    """r = mu0 m (3 z^2 - R^2) / (4 pi R^5) with (x, y, z) from the sensor, its slopes, and 3 mu0 m x z / (4 pi R^5) per
+    turn about y; the sensor is off the axis."""
+    grid, place, noise = Grid([-0.01, -0.01, 0.0], [0.005, 0.005, 0.01], (5, 5, 3)), [0.006, 0.0, -0.02], 1e-5
+    sensors = StoredSensors(("1",), np.array([place]), np.array([[0.0, 0.0, 1.0]]), np.zeros((1, 1)))
+    nothing = np.zeros((1, *grid.shape, 3, 3))
+    data = MapData(grid, ("1",), [1.0], flux_density=nothing[..., 0], gradient=nothing, sensors=sensors)
+    dipole = MagneticBody(np.zeros((1, 3)), np.array([[0.0, 0.0, 0.8]]))
+    sensing_slice(interpolate(data), dipole, noise, shows="singular value", at=0.0, ax=ax)
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("x (mm)", "z (mm)")
+    contours, scale = ax.collections[0], 1e-7 * 0.8
+    for x, z in ((-4.1, 6.3), (7.7, 12.9), (2.0, 17.7)):
+        # From the sensor, m.
+        a, c = 1e-3 * x - place[0], 1e-3 * z - place[2]
+        d = np.hypot(a, c)
+        read = (3 * c**2 - d**2) / d**5
+        slopes = -2 * a / d**5 - 5 * a * read / d**2, 4 * c / d**5 - 5 * c * read / d**2
+        turn = 3 * a * c / d**5
+        value = scale / noise * np.linalg.norm([1e-3 * slopes[0], 1e-3 * slopes[1], np.radians(1.0) * turn])
+        (hit,) = [k for k, path in enumerate(contours.get_paths()) if path.contains_point([x, z])]
+        step = contours.levels[1] - contours.levels[0]
+        assert contours.levels[hit] - 0.05 * step <= value <= contours.levels[hit + 1] + 0.05 * step
+    with pytest.raises(InputError):
+        # One sensor tells no place.
+        sensing_slice(interpolate(data), dipole, noise, ax=Figure().add_subplot())

@@ -2,7 +2,7 @@
 
 Refused: what cannot be built or has no volume, bodies that overlap, bodies whose common surface is no
 manifold, bodies less than a micrometre apart, bodies with a mesh of their own that touch others elsewhere than in
-common faces, windings that cut iron or each other, currents and magnets in air that lie in a body, a workspace
+common faces, windings that cut iron or each other, currents, magnets and sensors in air that lie in a body, a workspace
 that cuts iron, a winding or a source in air. Contact by faces is sound. Allowed, and told by `geometry_notes`: a body
 in several pieces, windings that fill the very same space (two circuits wound together), a STEP file that declares
 another unit than the device file, a source in air whose place is not known.
@@ -158,6 +158,10 @@ def _examine(device: Device) -> _Findings:
     must_hold = f"a source in air must lie outside of each body, a wire, sheet or dipole {contacts.LEAST_GAP:g} mm away"
     remedy = "move it, or cut the body: a magnet inside iron is a body itself, a wire passes through a hole"
     refuse(contacts.clashes(product(in_air, bodies)), must_hold, remedy)
+    elements = [built("sensor", one.name, sources.sensor_spot, one) for one in device.sensors]
+    must_hold = f"a sensor must lie outside of each body, {contacts.LEAST_GAP:g} mm away"
+    spots = [spot for spot in elements if spot is not None]
+    refuse(contacts.clashes(product(spots, bodies)), must_hold, "move it into the air")
     shared = contacts.overlaps(combinations(windings, 2))
     must_hold = "windings must not overlap, unless both fill the very same space"
     apart, together = ([one for one in shared if _same_space(one) == alike] for alike in (False, True))

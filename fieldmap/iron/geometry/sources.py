@@ -13,7 +13,7 @@ import numpy as np
 from fieldmap.device.air_fields import faces_of, segments_of, sheet_of
 from fieldmap.device.air_sources import OTHER, SOLIDS, AirSource
 from fieldmap.device.magpylib_model import parts_of
-from fieldmap.device.model import Body, Device, Placement
+from fieldmap.device.model import Body, Device, FieldSensor, Placement
 from fieldmap.errors import InputError
 from fieldmap.iron.geometry.shapes import MILLIMETRES, occ, place, point, polygon_face, positive, segment
 from fieldmap.iron.geometry.solids import body_solid
@@ -44,6 +44,11 @@ def source_shape(source: AirSource, frame: Placement) -> occ.TopoDS_Shape:
             faults = (f"{problem.must_hold}: {problem.received}" for problem in error.problems)
             raise ValueError("; ".join(faults)) from error
     return place(place(_thin(source), source.placement), frame)
+
+
+def sensor_spot(sensor: FieldSensor) -> occ.TopoDS_Shape:
+    """The place of a sensor in the global frame, mm."""
+    return occ.Vertex(point(*(MILLIMETRES * sensor.position)))
 
 
 def _thin(source: AirSource) -> occ.TopoDS_Shape:

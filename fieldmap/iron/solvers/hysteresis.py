@@ -26,7 +26,7 @@ from fieldmap.iron.elements.bh_law import Magnetisation
 from fieldmap.iron.elements.potential_form import ConvexForm, PotentialForm
 from fieldmap.iron.geometry.checks import geometry_notes
 from fieldmap.iron.materials import materials_on
-from fieldmap.iron.reaction import ReactionFields, reaction_fields
+from fieldmap.iron.reaction import DipoleAnswers, ReactionFields, Solve, answers_to_sensors, reaction_fields
 from fieldmap.iron.report import report_of
 from fieldmap.iron.solution import PotentialSolution
 from fieldmap.iron.solvers.linear import check_arguments, images_of
@@ -336,9 +336,15 @@ class HysteresisSolver(MeshedDevice):
         NotConverged
             If the iron cannot be solved.
         """
-        nothing = np.zeros(len(self.device.coils)), np.zeros(self._form.elements.count)
-        alike = self.magnetised_at(*nothing)
-        return reaction_fields(alike, self.surface, box, share, images=images_of(self._iron))
+        return reaction_fields(self._untouched, self.surface, box, share, images=images_of(self._iron))
+
+    def answers_to_sensors(self) -> DipoleAnswers | None:
+        """As `NonlinearSolver.answers_to_sensors`, of iron that was never magnetised, by the anhysteretic law."""
+        return answers_to_sensors(self._untouched, self.surface, self.device.sensors)
+
+    @property
+    def _untouched(self) -> Solve:
+        return self.magnetised_at(np.zeros(len(self.device.coils)), np.zeros(self._form.elements.count))
 
     def project(self, basis: Array, air: Array | None = None) -> GalerkinModel:
         """The iron on a basis of nodal potentials, with its play cells: as `NonlinearSolver.project`."""

@@ -19,7 +19,15 @@ from fieldmap.iron.materials import BodyProperties, background_notes, body_prope
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import AssembledIron, assemble
 from fieldmap.iron.operators.mutual import face_images
-from fieldmap.iron.reaction import TOLERANCE, Image, ReactionFields, Solve, reaction_fields
+from fieldmap.iron.reaction import (
+    TOLERANCE,
+    DipoleAnswers,
+    Image,
+    ReactionFields,
+    Solve,
+    answers_to_sensors,
+    reaction_fields,
+)
 from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
 from fieldmap.iron.sensitivity.adjoint import Origin
 from fieldmap.iron.solution import LinearSolution
@@ -101,8 +109,8 @@ def solve_linear_and_reaction(
     form: str = "auto",
     symmetry: str = "auto",
     box: tuple[Array, Array] | None = None,
-) -> tuple[LinearSolution, ReactionFields | None]:
-    """`solve_linear`, and the iron's reaction to magnets in a box on the same mesh.
+) -> tuple[LinearSolution, ReactionFields | None, DipoleAnswers | None]:
+    """`solve_linear`, and on the same mesh the iron's reaction to magnets in a box and its answers to the sensors.
 
     Parameters
     ----------
@@ -113,8 +121,9 @@ def solve_linear_and_reaction(
 
     Returns
     -------
-    tuple[LinearSolution, ReactionFields | None]
-        The solution, and the reaction; None without a box, without iron, and of the surface form.
+    tuple[LinearSolution, ReactionFields | None, DipoleAnswers | None]
+        The solution; the reaction, None without a box; the answers, None without sensors. Both are None without iron
+        and of the surface form.
 
     Raises
     ------
@@ -130,7 +139,7 @@ def solve_linear_and_reaction(
     origin = Origin(device, True, mu_r)
     if not device.bodies:
         stages.done()
-        return replace(coils_alone(device, stages.seconds), origin=origin), None
+        return replace(coils_alone(device, stages.seconds), origin=origin), None, None
     require_source(device, properties)
     form = chosen_form(form, properties)
     if form == "surface":
@@ -139,7 +148,7 @@ def solve_linear_and_reaction(
         by_surface = solve_by_surface(
             device, properties, tolerance * _RESIDUAL_PER_TOLERANCE, refinement, stages
         )
-        return replace(by_surface, origin=origin), None
+        return replace(by_surface, origin=origin), None, None
     stages.next("meshing the iron", 0.02)
     mesh = generate_mesh(device, refinement, symmetry)
     stages.next("mutual potentials of the faces", 0.1)
@@ -150,20 +159,24 @@ def solve_linear_and_reaction(
     reaction = None
     if box is not None:
         stages.next("reaction of the iron to magnets in the workspace", 0.9)
-        alike = _magnetised(problem, properties, TOLERANCE)
+        alike = _magnetised(problem, properties, TOLERANCE, rough=True)
         reaction = reaction_fields(alike, iron.surface, box, images=images_of(iron))
+    finely = _magnetised(problem, properties, tolerance * _RESIDUAL_PER_TOLERANCE)
+    answers = answers_to_sensors(finely, iron.surface, device.sensors)
     stages.done()
-    return solution, reaction
+    return solution, reaction, answers
 
 
-def _magnetised(problem: ConvexForm, properties: BodyProperties, tolerance: float) -> Solve:
-    """The charge densities of this iron in given fields."""
+def _magnetised(
+    problem: ConvexForm, properties: BodyProperties, tolerance: float, rough: bool = False
+) -> Solve:
+    """The charge densities of this iron in given fields. rough: as for `ConvexForm.solve_linear`."""
     elements, body = problem.elements, problem.iron.mesh.body
     laws = straight_laws(properties.on(problem.iron.mesh).mu_r)
 
     def solve(field: FieldOfPoints, count: int) -> Array:
         material = Magnetisation(body, laws, np.zeros((count, len(body), 3)))
-        return problem.solve_linear(material, elements.coil_field(field), tolerance, rough=True).iron.density
+        return problem.solve_linear(material, elements.coil_field(field), tolerance, rough).iron.density
 
     return solve
 

@@ -36,7 +36,7 @@ from fieldmap.iron.geometry.checks import geometry_notes
 from fieldmap.iron.materials import material_assumptions
 from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.mesh.mesh import checked_points, refuse_inside
-from fieldmap.iron.reaction import ReactionFields, Solve, reaction_fields
+from fieldmap.iron.reaction import DipoleAnswers, ReactionFields, Solve, answers_to_sensors, reaction_fields
 from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
 from fieldmap.iron.sensitivity.adjoint import IronProblem, Origin
 from fieldmap.iron.solution import NonlinearSolution
@@ -505,14 +505,21 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
             If a state cannot be solved.
         """
 
-        def at(amperes: Array) -> Solve:
-            return self.magnetised_at(amperes, self.at(amperes).state.potential[:, 0])
-
         rest = np.zeros(len(self.coil_names)) if currents is None else np.asarray(currents, float)
         # Currents and magnets make a state that symmetric iron does not have.
         alone = not rest.any() and not self._material.remanence.any() and self.device.background is None
         images = images_of(self._iron) if alone else []
-        return reaction_fields(at(rest), self.surface, box, share, map(at, others), images)
+        elsewhere = map(self._magnetised_about, others)
+        return reaction_fields(self._magnetised_about(rest), self.surface, box, share, elsewhere, images)
+
+    def answers_to_sensors(self) -> DipoleAnswers | None:
+        """The answers of the iron, linearised about the state without currents, to dipoles in the places of the
+        device's sensors: `fieldmap.iron.reaction.answers_to_sensors`."""
+        about = self._magnetised_about(np.zeros(len(self.coil_names)))
+        return answers_to_sensors(about, self.surface, self.device.sensors)
+
+    def _magnetised_about(self, currents: Array) -> Solve:
+        return self.magnetised_at(currents, self.at(currents).state.potential[:, 0])
 
     def differential_inductance(self, state: NonlinearSolution, tolerance: float = 1e-8) -> Array:
         """Derivatives of the flux linkages by the currents. Where the iron saturates they are less than linkage per

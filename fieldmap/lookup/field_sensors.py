@@ -1,0 +1,120 @@
+"""What field sensors read of currents and of magnets: docs/field_sensors.md.
+
+A sensor at s along the unit vector a reads a . B(s). The share of the currents is a sum over the map's fields. That of
+a magnet follows by reciprocity: a dipole m at x gives m . B_s(x), where B_s is the field of a dipole of 1 A m^2 along a
+at s and of the iron that answers to it. The derivatives by the pose are therefore force and torque of B_s on a magnet.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fieldmap.constants import MU0
+from fieldmap.lookup.evaluation import MapFields
+from fieldmap.store import StoredSensors
+from fieldmap.typing import Array
+
+
+class MapSensors:
+    """The field sensors of a map.
+
+    Attributes
+    ----------
+    names : of the s sensors.
+    positions : (s, 3), m.
+    axes : (s, 3), unit vectors.
+    """
+
+    def __init__(self, stored: StoredSensors, answers: MapFields | None) -> None:
+        self.names, self.positions, self.axes = stored.names, stored.positions, stored.axes
+        self._shares, self._answers = stored.shares, answers
+
+    def of_currents(self, weights: Array) -> Array:
+        """The share of coils, iron, magnets of the machine, and background.
+
+        Parameters
+        ----------
+        weights
+            Of the map's fields (..., n_fields).
+
+        Returns
+        -------
+        Array
+            Readings (..., s), T.
+        """
+        return np.asarray(weights @ self._shares.T)
+
+    def of_magnets(
+        self, positions: Array, arms: Array, moments: Array, slopes: bool = True
+    ) -> tuple[Array, Array]:
+        """The share of magnets in the box, and of the iron's reaction to them.
+
+        Parameters
+        ----------
+        positions
+            Of n bodies (n, 3), m.
+        arms
+            Of the q dipoles of each (n, q, 3), m, from the position.
+        moments
+            (n, q, 3), A m^2.
+        slopes
+            Whether the derivatives are wanted, too.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            Readings (n, s), T, and their derivatives (n, s, 6) by the place, T/m, and by a turn about the position,
+            T/rad; (n, s, 0) where they are not wanted.
+
+        Raises
+        ------
+        OutsideMapError
+            For dipoles outside the box of a map with iron, by its rule.
+        """
+        n, q, _ = moments.shape
+        flux, gradient = self.fields((positions[:, None] + arms).reshape(-1, 3))
+        flux = flux.reshape(-1, n, q, 3)
+        read = np.einsum("snqi,nqi->ns", flux, moments)
+        if not slopes:
+            return read, np.empty((*read.shape, 0))
+        force = np.einsum("snqij,nqi->snqj", gradient.reshape(-1, n, q, 3, 3), moments)
+        torque = np.cross(moments, flux) + np.cross(arms, force)
+        by_pose = np.concatenate([force.sum(axis=2), torque.sum(axis=2)], axis=-1)
+        return read, np.ascontiguousarray(np.swapaxes(by_pose, 0, 1))
+
+    def fields(self, points: Array) -> tuple[Array, Array]:
+        """The fields B_s of dipoles of 1 A m^2 in the places of the sensors, along their axes, with the iron's answers.
+
+        Parameters
+        ----------
+        points
+            Positions (n, 3), m.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            B (s, n, 3), T/(A m^2), and dB_i/dx_j (s, n, 3, 3).
+
+        Raises
+        ------
+        OutsideMapError
+            As for `of_magnets`.
+        """
+        flux, gradient = _dipole_fields(self.positions, self.axes, points)
+        if self._answers is None:
+            return flux, gradient
+        of_iron = self._answers.fields(points)
+        return flux + of_iron[0], gradient + of_iron[1]
+
+
+def _dipole_fields(places: Array, axes: Array, points: Array) -> tuple[Array, Array]:
+    """Flux densities (s, n, 3) and gradients (s, n, 3, 3) at points (n, 3) of dipoles of 1 A m^2."""
+    offset = points - places[:, None]
+    distance = np.linalg.norm(offset, axis=-1)[..., None]
+    r, a = offset / distance, np.broadcast_to(axes[:, None], offset.shape)
+    along = np.sum(r * a, axis=-1)[..., None]
+    scale = MU0 / (4.0 * np.pi) / distance**3
+    pairs = a[..., :, None] * r[..., None, :]
+    slope = pairs + np.swapaxes(pairs, -1, -2) + along[..., None] * np.eye(3)
+    slope -= 5.0 * along[..., None] * r[..., :, None] * r[..., None, :]
+    return scale * (3.0 * along * r - a), 3.0 * (scale / distance)[..., None] * slope
