@@ -17,7 +17,7 @@ the roots of its eigenvalues (Nystroem's method). W is symmetric up to the error
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,14 +25,11 @@ from scipy.linalg import eigh, qr
 
 from fieldmap.constants import MU0
 from fieldmap.field import STEP
-from fieldmap.iron.elements.nodal_elements import FieldOfPoints
+from fieldmap.iron.elements.potential_form import Magnetised
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.reaction import signs_of
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
-
-Solve = Callable[[FieldOfPoints, int], Array]
-"""Charge densities (c, s), T, of the iron's faces in the fields of so many sources c."""
 
 TOLERANCE = 1e-4
 """Of the solves for single dipoles: it changes the reaction by less (drive unit, eight coils: 5e-5)."""
@@ -45,7 +42,7 @@ _FACES = 1000
 _SAME = 1e-6
 # So many times as many dipoles are taken as span the fields, if most are images of others.
 _MORE = 1.5
-# Dipoles that are solved at a time: their fields in the iron take memory.
+# Dipoles that are solved at a time: their Krylov spaces take memory.
 _AT_ONCE = 24
 # As many places in the box take part in the choice of the fields as tell their error; most fields.
 _PLACES, _MOST = 2, 64
@@ -127,11 +124,11 @@ class Image(Record):
 
 
 def reaction_fields(
-    solve: Solve,
+    solve: Magnetised,
     faces: ChargedFaces,
     box: tuple[Array, Array],
     share: float = 2e-3,
-    others: Iterable[Solve] = (),
+    others: Iterable[Magnetised] = (),
     images: Sequence[Image] = (),
 ) -> ReactionFields | None:
     """The fields that span the reaction of iron to magnets in a box.
@@ -182,7 +179,7 @@ def reaction_fields(
     charges = np.sqrt(MU0) * shapes.T @ charge
     fields = [values[:, here] for values in faces.field_and_gradient(places, charges)]
 
-    def missed(of: Solve, count: int) -> Array:
+    def missed(of: Magnetised, count: int) -> Array:
         solved = faces.field_and_gradient(places, MU0 * _solved(of, tried))
         flux, slope = (values[range(len(here)), here] for values in solved)
         own = _Own.of(tried, flux, slope, upper - lower)
@@ -248,6 +245,12 @@ class _Dipoles(Record):
     def part(self, of: Index | slice) -> _Dipoles:
         return _Dipoles(self.points[of], self.axes[of])
 
+    def potentials(self, x: Array) -> Array:
+        """(n, m), T m, at points x (m, 3)."""
+        offset = x - self.points[:, None]
+        square = np.einsum("nmi,nmi->nm", offset, offset)
+        return np.einsum("nmi,ni->nm", offset, self.axes) / (4.0 * np.pi * square * np.sqrt(square))
+
     def flux_densities(self, x: Array) -> Array:
         """(n, m, 3), T, at points x (m, 3)."""
         offset = x - self.points[:, None]
@@ -277,7 +280,7 @@ def _spanning(candidates: Array, faces: ChargedFaces) -> _Dipoles:
     return dipoles.part(order[: len(left)][left > _SPANNED * left[0]])
 
 
-def _with_images(solve: Solve, wanted: _Dipoles, images: Sequence[Image]) -> tuple[_Dipoles, Array]:
+def _with_images(solve: Magnetised, wanted: _Dipoles, images: Sequence[Image]) -> tuple[_Dipoles, Array]:
     """As many of these dipoles with their images as were wanted, or a few more, and the charge densities for each. One
     of each set of images is solved for."""
     size = np.abs(wanted.points).max()
@@ -307,9 +310,9 @@ def _with_images(solve: Solve, wanted: _Dipoles, images: Sequence[Image]) -> tup
     return _Dipoles(np.array([one[1] for one in taken]), np.array([one[2] for one in taken])), charge
 
 
-def _solved(solve: Solve, dipoles: _Dipoles) -> Array:
+def _solved(solve: Magnetised, dipoles: _Dipoles) -> Array:
     """Charge densities (n, s) for every dipole."""
-    return np.concatenate([solve(part.flux_densities, len(part.axes)) for part in _parts(dipoles)])
+    return np.concatenate([solve(part.potentials) for part in _parts(dipoles)])
 
 
 def _parts(dipoles: _Dipoles) -> list[_Dipoles]:

@@ -12,14 +12,13 @@ from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.elements.bh_law import Magnetisation, straight_laws
 from fieldmap.iron.elements.flux_form import FluxForm
-from fieldmap.iron.elements.nodal_elements import FieldOfPoints
-from fieldmap.iron.elements.potential_form import ConvexForm, PotentialForm, linkage_and_coenergy
+from fieldmap.iron.elements.potential_form import ConvexForm, Magnetised, PotentialForm, linkage_and_coenergy
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.materials import BodyProperties, background_notes, body_properties
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import AssembledIron, assemble
 from fieldmap.iron.operators.mutual import face_images
-from fieldmap.iron.reaction import TOLERANCE, Image, ReactionFields, Solve, reaction_fields
+from fieldmap.iron.reaction import TOLERANCE, Image, ReactionFields, reaction_fields
 from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
 from fieldmap.iron.sensitivity.adjoint import Origin
 from fieldmap.iron.solution import LinearSolution
@@ -150,22 +149,19 @@ def solve_linear_and_reaction(
     reaction = None
     if box is not None:
         stages.next("reaction of the iron to magnets in the workspace", 0.9)
-        alike = _magnetised(problem, properties, TOLERANCE)
+        alike = _magnetised(problem, properties)
         reaction = reaction_fields(alike, iron.surface, box, images=images_of(iron))
     stages.done()
     return solution, reaction
 
 
-def _magnetised(problem: ConvexForm, properties: BodyProperties, tolerance: float) -> Solve:
+def _magnetised(problem: ConvexForm, properties: BodyProperties) -> Magnetised:
     """The charge densities of this iron in given fields."""
-    elements, body = problem.elements, problem.iron.mesh.body
+    body = problem.iron.mesh.body
     laws = straight_laws(properties.on(problem.iron.mesh).mu_r)
-
-    def solve(field: FieldOfPoints, count: int) -> Array:
-        material = Magnetisation(body, laws, np.zeros((count, len(body), 3)))
-        return problem.solve_linear(material, elements.coil_field(field), tolerance, rough=True).iron.density
-
-    return solve
+    material = Magnetisation(body, laws, np.zeros((1, len(body), 3)))
+    tangent = problem.tangent(np.zeros(problem.elements.count), problem.elements.no_field(), material)
+    return problem.magnetised(tangent, material, TOLERANCE)
 
 
 def images_of(iron: AssembledIron) -> list[Image]:

@@ -25,6 +25,7 @@ from fieldmap.iron.elements.flux_form import FluxForm
 from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
 from fieldmap.iron.elements.potential_form import (
     Magnetisation,
+    Magnetised,
     PotentialForm,
     PotentialState,
     iron_differential_inductance,
@@ -36,7 +37,7 @@ from fieldmap.iron.geometry.checks import geometry_notes
 from fieldmap.iron.materials import material_assumptions
 from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.mesh.mesh import checked_points, refuse_inside
-from fieldmap.iron.reaction import ReactionFields, Solve, reaction_fields
+from fieldmap.iron.reaction import ReactionFields, reaction_fields
 from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
 from fieldmap.iron.sensitivity.adjoint import IronProblem, Origin
 from fieldmap.iron.solution import NonlinearSolution
@@ -508,7 +509,7 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
             If a state cannot be solved.
         """
 
-        def at(amperes: Array) -> Solve:
+        def at(amperes: Array) -> Magnetised:
             return self.magnetised_at(amperes, self.at(amperes).state.potential[:, 0])
 
         rest = np.zeros(len(self.coil_names)) if currents is None else np.asarray(currents, float)
