@@ -120,7 +120,7 @@ class MagnetBalance(ABC):
 
     magnitude: of the moment, or the largest sum of moments, by their magnitudes, met so far, A m^2. `evaluations`
     counts places of the magnet. finer: the same magnets by a finer volume rule; None where the rule is exact, or no
-    shape is known.
+    shape is known. field_scale: of `residual`, as for `scaled_force`.
     """
 
     source: Field
@@ -130,6 +130,7 @@ class MagnetBalance(ABC):
     _: KW_ONLY
     evaluations: int = 0
     finer: MagneticBody | None = None
+    field_scale: float = 1.0
 
     @property
     def weight(self) -> float:
@@ -183,7 +184,8 @@ class MagnetBalance(ABC):
     def scaled_force(self, points: Array, scale: float) -> Array:
         """Magnetic force (n, 3), N, with all of it times a scale but the reaction of the iron to the magnets, which no
         calibration of the field changes."""
-        return scale * self.magnetic_force(points) + (1.0 - scale) * self.reaction_force(points)
+        force = scale * self.magnetic_force(points)
+        return force if scale == 1.0 else force + (1.0 - scale) * self.reaction_force(points)
 
     def scaled_stiffness(self, position: Array, scale: float) -> Array:
         """-dF/dx (3, 3) at one position (3,), N/m, of that force; the reaction's share in it by differences."""
@@ -229,7 +231,7 @@ class MagnetBalance(ABC):
         for _ in range(_STEPS):
             try:
                 unbalanced = self.residual(place[None, :])[0] + self.rule_error(place)
-                stiffness = self.stiffness(place)
+                stiffness = self.residual_stiffness(place)
             except OutsideMapError:
                 break
             if np.isnan(unbalanced).any():
@@ -242,8 +244,12 @@ class MagnetBalance(ABC):
         return float("nan")
 
     def residual(self, points: Array) -> Array:
-        """Magnetic force plus weight (n, 3), N."""
-        return self.magnetic_force(points) - [0.0, 0.0, self.weight]
+        """Scaled magnetic force plus weight (n, 3), N."""
+        return self.scaled_force(points, self.field_scale) - [0.0, 0.0, self.weight]
+
+    def residual_stiffness(self, position: Array) -> Array:
+        """Minus the derivative of `residual` (3, 3) at one position (3,), N/m."""
+        return self.scaled_stiffness(position, self.field_scale)
 
     def force_per_signal(self, position: Array, signals: Array, steps: Array) -> Array:
         """Slopes of the magnetic force by signals, by central differences: exact for a field that is linear in the
