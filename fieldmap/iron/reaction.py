@@ -1,13 +1,6 @@
 """The iron's reaction to magnets in the workspace: the field that iron makes because a magnet magnetises it.
 
-The reaction at a place x' to a dipole m at x is A(x', x) m. Outside the iron it is harmonic in x' and, by reciprocity,
-A(x', x) = A(x, x')^T: harmonic in x as well. Distances smooth it, so that few fields b_k of charges on the iron's
-surface span it:
-
-    A(x', x) = sum_k s_k b_k(x') b_k(x)^T,      s_k = 1, or -1 for iron that is less permeable than air.
-
-The energy of magnets with moments m at places x is then -1/2 sum_k s_k w_k^2 with w_k = sum m . b_k(x), and the field
-in which they are sum_k s_k w_k b_k: docs/theory/reaction.md.
+Few fields b_k of charges on the iron's surface span it, with signs s_k: docs/theory/reaction.md, (1) to (3).
 
 The fields follow from dipoles on the surface of the workspace, whose fields at the iron span those of all sources
 inside. Those that no others stand for are chosen (pivoted QR of their fields at the iron), the iron is solved for each,
@@ -66,6 +59,7 @@ class ReactionFields(Record):
     dipoles: int
     asymmetry: float
     error: float
+    width: float
     change: float = 0.0
 
     @property
@@ -200,6 +194,7 @@ def reaction_fields(
         len(chosen.points),
         float(np.abs(mutual - mutual.T).max() / np.abs(mutual).max()),
         float(unseen[count - 1].max()),
+        _width(faces, lower, upper),
         max((float(missed(other, count)[-1].max()) for other in others), default=0.0),
     )
 
@@ -258,6 +253,13 @@ class _Dipoles(Record):
         along = 3.0 * np.einsum("nmi,ni->nm", offset, self.axes) / square
         scale = 1.0 / (4.0 * np.pi * square * np.sqrt(square))
         return (along[..., None] * offset - self.axes[:, None]) * scale[..., None]
+
+
+def _width(faces: ChargedFaces, lower: Array, upper: Array) -> float:
+    """Largest edge of a triangle, taken as equilateral, over its distance from a box."""
+    beyond = np.maximum(lower - faces.centres, faces.centres - upper)
+    distance = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
+    return float(np.sqrt(4.0 / np.sqrt(3.0) * (faces.areas / np.maximum(distance, 1e-12) ** 2).max()))
 
 
 def _shell(lower: Array, upper: Array) -> Array:
