@@ -14,6 +14,8 @@ import numpy as np
 
 from fieldmap.typing import Array
 
+# To moments that lie along the field: far more than it takes, unless the iron's field and that of others nearly cancel.
+_MOST_STEPS = 300
 IN_WORDS = "the iron's reaction to the magnets"
 """Begins what results say of it: "in", with how large it is, or "left out"."""
 
@@ -103,6 +105,71 @@ def own_force(reaction: Reaction, points: Array, moments: Array) -> Array:
     weights = np.einsum("knqi,nqi->kn", flux.reshape(-1, n, q, 3), moments)
     pull = np.einsum("knqij,nqi->knj", slope.reshape(-1, n, q, 3, 3), moments)
     return np.einsum("k,kn,knj->nj", reaction.signs, weights, pull)
+
+
+def aligned_moments(reaction: Reaction | None, points: Array, flux: Array, magnitude: float) -> Array:
+    """Moments of single dipoles that lie along the field of others and of the reaction to them: m || B + A m.
+
+    From the field of others in steps each of which lowers the energy -m . B - m . A m / 2.
+
+    Parameters
+    ----------
+    reaction
+        Of the iron; none that it magnetises unless given.
+    points
+        Positions (n, 3), m.
+    flux
+        Flux density (n, 3), T, of others.
+    magnitude
+        Of the moments, A m^2.
+
+    Returns
+    -------
+    Array
+        Moments (n, 3), A m^2; zero where the field of others is: a dipole has no direction there.
+    """
+
+    def along(field: Array) -> Array:
+        norm = np.linalg.norm(field, axis=-1, keepdims=True)
+        return np.divide(magnitude * field, norm, out=np.zeros_like(field), where=norm > 0.0)
+
+    moments = along(flux)
+    if reaction is None:
+        return moments
+    fields, signs = reaction.fields(points)[0], reaction.signs
+    # What repels is made up for along the moment itself, where it turns nothing: then no step overshoots.
+    repelled = np.einsum("k,kni,kni->n", np.minimum(signs, 0.0), fields, fields)
+    for _ in range(_MOST_STEPS):
+        weights = signs[:, None] * np.einsum("kni,ni->kn", fields, moments)
+        before = moments
+        moments = along(flux + np.einsum("kn,kni->ni", weights, fields) - repelled[:, None] * moments)
+        if not (np.abs(moments - before) > 1e-15 * magnitude).any():
+            break
+    return moments
+
+
+def reaction_at_dipole(reaction: Reaction, point: Array, moment: Array) -> tuple[Array, Array, Array]:
+    """The reaction to a dipole at its own place.
+
+    Parameters
+    ----------
+    reaction
+        Of the iron.
+    point
+        Position (3,), m.
+    moment
+        Moment (3,), A m^2.
+
+    Returns
+    -------
+    tuple[Array, Array, Array]
+        A m (3,), T; A (3, 3), T/(A m^2); and d(A m)_i/dx_l (3, 3), T/m, where dipole and place move together.
+    """
+    b, slope = (values[:, 0] for values in reaction.fields(point[None, :]))
+    matrix = np.einsum("k,ki,kj->ij", reaction.signs, b, b)
+    change = np.einsum("k,ki,kjl,j->il", reaction.signs, b, slope, moment)
+    change += np.einsum("k,k,kil->il", reaction.signs, b @ moment, slope)
+    return matrix @ moment, matrix, change
 
 
 def own_slopes(reaction: Reaction, point: Array, moment: Array, turning: Array) -> Array:

@@ -155,7 +155,7 @@ def app(
     Parameters
     ----------
     force_scale
-        Multiply every force by this, from a calibration.
+        Multiply every force but that of the iron's reaction by this, from a calibration.
     web
         Serve a page for a browser instead of a window.
     port

@@ -253,6 +253,16 @@ static inline int fieldmap_add_changes(fieldmap_bodies *all, int k, double *wren
     return settled;
 }
 
+/* out[9]: dm/dB of a site of soft iron in its whole flux density, frame of the map. */
+static inline void fieldmap_site_slope(const fieldmap_bodies *all, const fieldmap_site *site, double *out)
+{
+    const fieldmap_placed *of = all->placed + site->owner;
+    double inside[3], own[9];
+    fieldmap_to_body(of->turn, site->flux, inside);
+    fieldmap_moment_slope(of->body->soft + (site->number - of->body->n_dipoles), inside, own);
+    fieldmap_turned_matrix(of->turn, own, out);
+}
+
 /* slopes[6 * count * fields]: the derivatives of the wrench by the weights of the fields of others, after
  * fieldmap_bodies_wrench. */
 static inline int fieldmap_bodies_slopes(fieldmap_bodies *all, double *room, double *slopes)
@@ -261,13 +271,9 @@ static inline int fieldmap_bodies_slopes(fieldmap_bodies *all, double *room, dou
     int p, i, k, soft = 0, settled = 1;
     for (p = 0; p < all->points; p++) {
         fieldmap_site *site = all->sites + p;
-        const fieldmap_placed *of = all->placed + site->owner;
-        double inside[3], own[9];
         if (!fieldmap_is_soft(all, site)) continue;
         soft = 1;
-        fieldmap_to_body(of->turn, site->flux, inside);
-        fieldmap_moment_slope(of->body->soft + (site->number - of->body->n_dipoles), inside, own);
-        fieldmap_turned_matrix(of->turn, own, site->slope);
+        fieldmap_site_slope(all, site, site->slope);
     }
     for (k = 0; k < fields; k++) {
         for (i = 0; i < rows; i++) room[i] = 0.0;

@@ -53,12 +53,20 @@ class CoreBody:
             [self], np.zeros((1, 3)), turn[None], weights, fields, reaction, wrench[None], slopes[None]
         )
 
-    def induced_moments(
-        self, turns: Array, flux: Array, moments: Array, energies: Array, slopes: Array | None
-    ) -> None:
-        """Of s pieces of soft iron at n poses, turns (n, 3, 3), in flux (n, s, 3), T: fill moments (n, s, 3), A m^2,
-        energies (n, s), J, and slopes (n, s, 3, 3), dm_i/dB_k, frame of the map."""
-        LIBRARY.induced_moments(self.body, turns, flux, moments, energies, slopes)
+    def at_poses(
+        self,
+        turns: Array,
+        fields: tuple[Array, Array],
+        reaction: tuple[int, Array, Array],
+        found: tuple[Array, Array, Array, Array | None],
+    ) -> bool:
+        """Fill what is found at n poses, turns (n, 3, 3): wrench (n, 6), energies (n,), J, moments (n, points, 3),
+        A m^2, and, unless None, dm_i/dB_k (n, s, 3, 3) of the s pieces of soft iron, all in the frame of the map.
+
+        fields: flux (n, points, 3), T, and gradient (n, points, 3, 3), T/m. reaction: as for `wrench_slopes`, flux
+        (n, points, k, 3). False where moments of soft iron come to no end.
+        """
+        return bool(LIBRARY.body_at_poses(self.body, turns, *fields, *reaction, *found))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return CoreBody, self._given

@@ -104,39 +104,52 @@ static PyObject *bodies_wrench_slopes(PyObject *self, PyObject *const *args, Py_
     return answer(&from, PyBool_FromLong(settled));
 }
 
-/* induced_moments(body, turns, flux, moments, energies, slopes): of the soft pieces at n poses; slopes may be None. */
-static PyObject *induced_moments(PyObject *self, PyObject *const *args, Py_ssize_t given)
+/* body_at_poses(body, turns (n, 3, 3), flux (n, q, 3), gradient, repelled, reaction flux (n, q, k, 3), reaction gradient,
+ * wrench (n, 6), energies (n,), moments (n, q, 3), slopes (n, s, 3, 3)): a body alone at n poses; slopes, of its soft pieces,
+ * may be None. Whether all moments of soft iron came to an end. */
+static PyObject *body_at_poses(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
-    reader from = arguments(args, given, 6);
+    static const double one = 1.0;
+    reader from = arguments(args, given, 11);
     const fieldmap_magnetic_body *body = (const fieldmap_magnetic_body *)held_of(&from, "body", BODY);
+    const npy_intp points = body == NULL ? 0 : fieldmap_body_points(body), pieces = body == NULL ? 0 : body->n_soft;
     const number_array turns = numbers_of(&from, "turns", 3, ANY);
-    const npy_intp poses = turns.shape[0], pieces = body == NULL ? 0 : body->n_soft;
-    const double *flux = numbers_of(&from, "flux", 3, 3 * poses * pieces).at;
-    double *moments = filled_of(&from, "moments", 3 * poses * pieces), *energies = filled_of(&from, "energies", poses * pieces);
-    double *slopes = filled_or_none(&from, "slopes", 9 * poses * pieces);
+    const npy_intp poses = turns.shape[0], sites = poses * points;
+    const double *flux = numbers_of(&from, "flux", 3, 3 * sites).at, *gradient = numbers_of(&from, "gradient", 4, 9 * sites).at;
+    const long repelled = whole_of(&from, "repelled");
+    const number_array back = numbers_of(&from, "reaction_flux", 4, ANY);
+    const npy_intp fields = back.shape[2];
+    const double *slope = numbers_of(&from, "reaction_gradient", 5, 9 * sites * fields).at;
+    double *wrench = filled_of(&from, "wrench", 6 * poses), *energies = filled_of(&from, "energies", poses);
+    double *moments = filled_of(&from, "moments", 3 * sites), *slopes = filled_or_none(&from, "slopes", 9 * poses * pieces);
+    fieldmap_placed placed = {body, {0.0, 0.0, 0.0}, {0.0}};
+    fieldmap_bodies all = {0};
     npy_intp n, p;
+    int settled = 1;
     (void)self;
+    all.count = 1, all.points = (int)points, all.placed = &placed;
+    all.sites = (fieldmap_site *)memory_of(&from, (size_t)points * sizeof *all.sites);
     require(turns.size == 9 * poses, PyExc_TypeError, "turns must be (n, 3, 3)");
-    if (PyErr_Occurred()) return NULL;
+    require(back.size == 3 * sites * fields && fields <= FIELDMAP_REACTION_FIELDS, PyExc_TypeError,
+            "reaction_flux must be (n, points, k, 3)");
+    if (PyErr_Occurred()) return nothing(&from);
     Py_BEGIN_ALLOW_THREADS
     for (n = 0; n < poses; n++) {
-        const double *r = turns.at + 9 * n;
-        for (p = 0; p < pieces; p++) {
-            const npy_intp at = n * pieces + p;
-            energies[at] = fieldmap_body_moment(body, body->n_dipoles + (int)p, r, flux + 3 * at, moments + 3 * at);
-            if (slopes != NULL) {
-                double inside[3], own[9];
-                fieldmap_to_body(r, flux + 3 * at, inside);
-                fieldmap_moment_slope(body->soft + p, inside, own);
-                fieldmap_turned_matrix(r, own, slopes + 9 * at);
-            }
-        }
+        const fieldmap_acting by = {1, &one, flux + 3 * n * points, gradient + 9 * n * points};
+        const fieldmap_reacting of = {(int)fields, (int)repelled, back.at + 3 * n * points * fields, slope + 9 * n * points * fields};
+        memcpy(placed.turn, turns.at + 9 * n, sizeof placed.turn);
+        all.by = by, all.of = of;
+        fieldmap_place_bodies(&all);
+        settled &= fieldmap_bodies_wrench(&all, wrench + 6 * n, energies + n);
+        for (p = 0; p < points; p++) memcpy(moments + 3 * (n * points + p), all.sites[p].moment, 3 * sizeof(double));
+        for (p = 0; p < pieces && slopes != NULL; p++)
+            fieldmap_site_slope(&all, all.sites + body->n_dipoles + p, slopes + 9 * (n * pieces + p));
     }
     Py_END_ALLOW_THREADS
-    Py_RETURN_NONE;
+    return answer(&from, PyBool_FromLong(settled));
 }
 
 #define BODY_FUNCTIONS \
-    FUNCTION(magnetic_body), FUNCTION(bodies_wrench_slopes), FUNCTION(induced_moments)
+    FUNCTION(magnetic_body), FUNCTION(bodies_wrench_slopes), FUNCTION(body_at_poses)
 
 #endif

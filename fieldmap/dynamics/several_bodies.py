@@ -20,7 +20,7 @@ from fieldmap.dynamics.rigid_body import Drag, Plate, RigidBody, Walls
 from fieldmap.field import Field, coil_currents
 from fieldmap.lookup import FieldMap
 from fieldmap.lookup.evaluation import outside_error
-from fieldmap.lookup.several_bodies import unsettled
+from fieldmap.lookup.magnetic_body import unsettled
 from fieldmap.records import Record
 from fieldmap.typing import Array
 

@@ -26,7 +26,7 @@ from fieldmap.extras import require
 from fieldmap.field import coil_currents
 from fieldmap.lookup import FieldMap, MagneticBody, core_map
 from fieldmap.lookup.evaluation import outside_error
-from fieldmap.lookup.several_bodies import unsettled
+from fieldmap.lookup.magnetic_body import unsettled
 from fieldmap.typing import Array
 
 _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)

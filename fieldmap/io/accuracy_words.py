@@ -66,7 +66,10 @@ def _linkages(share: float, states: int, inductance_share: float, inductance_sta
 def _reaction(of: ReactionOfMap, payload: Payload | None) -> str:
     """The iron's reaction to magnets, and what it does to the payload."""
     changed = f", changed by up to {100 * of.change:.2g} % at the largest currents" if of.change else ""
-    lines = [f"of the iron to magnets: {of.fields} fields, largest error {100 * of.error:.2g} %{changed}"]
+    lines = [
+        f"of the iron to magnets: {of.fields} fields, largest error {100 * of.error:.2g} %{changed}",
+        f"elements of the iron are up to {of.width:.2g} times as wide as they are away from the box",
+    ]
     if of.pull is not None and of.at is not None and payload is not None:
         times = of.pull / (payload.mass * GRAVITY)
         drawn = f"{100 * times:.3g} % of" if times < 10 else f"{times:.3g} times"

@@ -99,14 +99,16 @@ class MapAccuracy(Record):
 class ReactionOfMap(Record):
     """The iron's reaction to magnets in a map.
 
-    fields: that span it; error: of their number; asymmetry: of the solver's reciprocity, a measure of its mesh; change:
-    of the reaction of saturating iron at the largest currents. pull: largest force on the payload's moment, upright,
+    fields: that span it; error: of their number; asymmetry: of the solver's reciprocity; width: of the iron's elements
+    over their distance from the box, the largest; change: of the reaction of saturating iron at the largest currents.
+    pull: largest force on the payload's moment, upright,
     with all coils off, at nodes of a coarse lattice in the box, N, and its place `at` (3,), m; None without a payload
     of a moment."""
 
     fields: int
     error: float
     asymmetry: float
+    width: float
     change: float
     pull: float | None = None
     at: Array | None = None
@@ -325,7 +327,7 @@ def _reaction(opened: FieldMap, payload: Payload | None) -> ReactionOfMap | None
     told = opened.info.provenance.solver_report.get("reaction")
     if opened.reaction is None or told is None:
         return None
-    known = {name: told[name] for name in ("fields", "error", "asymmetry", "change")}
+    known = {name: told[name] for name in ("fields", "error", "asymmetry", "width", "change")}
     if payload is None or not payload.moment:
         return ReactionOfMap(**known)
     shares = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, _LATTICE)] * 3, indexing="ij"), axis=-1).reshape(

@@ -1,13 +1,6 @@
 """The iron's reaction to magnets in the workspace: the field that iron makes because a magnet magnetises it.
 
-The reaction at a place x' to a dipole m at x is A(x', x) m. Outside the iron it is harmonic in x' and, by reciprocity,
-A(x', x) = A(x, x')^T: harmonic in x as well. Distances smooth it, so that few fields b_k of charges on the iron's
-surface span it:
-
-    A(x', x) = sum_k s_k b_k(x') b_k(x)^T,      s_k = 1, or -1 for iron that is less permeable than air.
-
-The energy of magnets with moments m at places x is then -1/2 sum_k s_k w_k^2 with w_k = sum m . b_k(x), and the field
-in which they are sum_k s_k w_k b_k: docs/theory/reaction.md.
+Few fields b_k of charges on the iron's surface span it, with signs s_k: docs/theory/reaction.md, (1) to (3).
 
 The fields follow from dipoles on the surface of the workspace, whose fields at the iron span those of all sources
 inside. Those that no others stand for are chosen (pivoted QR of their fields at the iron), the iron is solved for each,
@@ -17,7 +10,7 @@ the roots of its eigenvalues (Nystroem's method). W is symmetric up to the error
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,14 +19,11 @@ from scipy.linalg import eigh, qr
 from fieldmap.constants import MU0
 from fieldmap.device.parts import FieldSensor
 from fieldmap.field import STEP
-from fieldmap.iron.elements.nodal_elements import FieldOfPoints
+from fieldmap.iron.elements.potential_form import Magnetised
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.reaction import signs_of
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
-
-Solve = Callable[[FieldOfPoints, int], Array]
-"""Charge densities (c, s), T, of the iron's faces in the fields of so many sources c."""
 
 TOLERANCE = 1e-4
 """Of the solves for single dipoles: it changes the reaction by less (drive unit, eight coils: 5e-5)."""
@@ -46,7 +36,7 @@ _FACES = 1000
 _SAME = 1e-6
 # So many times as many dipoles are taken as span the fields, if most are images of others.
 _MORE = 1.5
-# Dipoles that are solved at a time: their fields in the iron take memory.
+# Dipoles that are solved at a time: their Krylov spaces take memory.
 _AT_ONCE = 24
 # As many places in the box take part in the choice of the fields as tell their error; most fields.
 _PLACES, _MOST = 2, 64
@@ -70,6 +60,7 @@ class ReactionFields(Record):
     dipoles: int
     asymmetry: float
     error: float
+    width: float
     change: float = 0.0
 
     @property
@@ -140,8 +131,8 @@ class DipoleAnswers(Record):
 
 
 def answers_to_sensors(
-    solve: Solve, faces: ChargedFaces, sensors: Sequence[FieldSensor]
-) -> DipoleAnswers | None:
+    solve: Magnetised, faces: ChargedFaces, sensors: Sequence[FieldSensor]
+) -> DipoleAnswers:
     """The answers of iron to dipoles in the places of sensors, along their axes.
 
     Parameters
@@ -151,20 +142,18 @@ def answers_to_sensors(
     faces
         Of the iron.
     sensors
-        The sensors; they lie in the air.
+        The sensors, at least one; they lie in the air.
 
     Returns
     -------
-    DipoleAnswers | None
-        The answers, in the order of the sensors; None without sensors.
+    DipoleAnswers
+        The answers, in the order of the sensors.
 
     Raises
     ------
     NotConverged
         If the iron cannot be solved.
     """
-    if not sensors:
-        return None
     dipoles = _Dipoles(
         *(np.array([getattr(one, name) for one in sensors]) for name in ("position", "direction"))
     )
@@ -187,11 +176,11 @@ class Image(Record):
 
 
 def reaction_fields(
-    solve: Solve,
+    solve: Magnetised,
     faces: ChargedFaces,
     box: tuple[Array, Array],
     share: float = 2e-3,
-    others: Iterable[Solve] = (),
+    others: Iterable[Magnetised] = (),
     images: Sequence[Image] = (),
 ) -> ReactionFields | None:
     """The fields that span the reaction of iron to magnets in a box.
@@ -242,7 +231,7 @@ def reaction_fields(
     charges = np.sqrt(MU0) * shapes.T @ charge
     fields = [values[:, here] for values in faces.field_and_gradient(places, charges)]
 
-    def missed(of: Solve, count: int) -> Array:
+    def missed(of: Magnetised, count: int) -> Array:
         solved = faces.field_and_gradient(places, MU0 * _solved(of, tried))
         flux, slope = (values[range(len(here)), here] for values in solved)
         own = _Own.of(tried, flux, slope, upper - lower)
@@ -263,6 +252,7 @@ def reaction_fields(
         len(chosen.points),
         float(np.abs(mutual - mutual.T).max() / np.abs(mutual).max()),
         float(unseen[count - 1].max()),
+        _width(faces, lower, upper),
         max((float(missed(other, count)[-1].max()) for other in others), default=0.0),
     )
 
@@ -308,6 +298,12 @@ class _Dipoles(Record):
     def part(self, of: Index | slice) -> _Dipoles:
         return _Dipoles(self.points[of], self.axes[of])
 
+    def potentials(self, x: Array) -> Array:
+        """(n, m), T m, at points x (m, 3)."""
+        offset = x - self.points[:, None]
+        square = np.einsum("nmi,nmi->nm", offset, offset)
+        return np.einsum("nmi,ni->nm", offset, self.axes) / (4.0 * np.pi * square * np.sqrt(square))
+
     def flux_densities(self, x: Array) -> Array:
         """(n, m, 3), T, at points x (m, 3)."""
         offset = x - self.points[:, None]
@@ -315,6 +311,13 @@ class _Dipoles(Record):
         along = 3.0 * np.einsum("nmi,ni->nm", offset, self.axes) / square
         scale = 1.0 / (4.0 * np.pi * square * np.sqrt(square))
         return (along[..., None] * offset - self.axes[:, None]) * scale[..., None]
+
+
+def _width(faces: ChargedFaces, lower: Array, upper: Array) -> float:
+    """Largest edge of a triangle, taken as equilateral, over its distance from a box."""
+    beyond = np.maximum(lower - faces.centres, faces.centres - upper)
+    distance = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
+    return float(np.sqrt(4.0 / np.sqrt(3.0) * (faces.areas / np.maximum(distance, 1e-12) ** 2).max()))
 
 
 def _shell(lower: Array, upper: Array) -> Array:
@@ -337,7 +340,7 @@ def _spanning(candidates: Array, faces: ChargedFaces) -> _Dipoles:
     return dipoles.part(order[: len(left)][left > _SPANNED * left[0]])
 
 
-def _with_images(solve: Solve, wanted: _Dipoles, images: Sequence[Image]) -> tuple[_Dipoles, Array]:
+def _with_images(solve: Magnetised, wanted: _Dipoles, images: Sequence[Image]) -> tuple[_Dipoles, Array]:
     """As many of these dipoles with their images as were wanted, or a few more, and the charge densities for each. One
     of each set of images is solved for."""
     size = np.abs(wanted.points).max()
@@ -367,9 +370,9 @@ def _with_images(solve: Solve, wanted: _Dipoles, images: Sequence[Image]) -> tup
     return _Dipoles(np.array([one[1] for one in taken]), np.array([one[2] for one in taken])), charge
 
 
-def _solved(solve: Solve, dipoles: _Dipoles) -> Array:
+def _solved(solve: Magnetised, dipoles: _Dipoles) -> Array:
     """Charge densities (n, s) for every dipole."""
-    return np.concatenate([solve(part.flux_densities, len(part.axes)) for part in _parts(dipoles)])
+    return np.concatenate([solve(part.potentials) for part in _parts(dipoles)])
 
 
 def _parts(dipoles: _Dipoles) -> list[_Dipoles]:

@@ -22,9 +22,10 @@ from fieldmap.field import AnyField, Bounds, Field, as_field, require_bounds
 from fieldmap.levitation.places import box_of_centres, search_grid
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.lookup.payload import magnetic_body
-from fieldmap.reaction import IN_WORDS, own_force, own_slopes
+from fieldmap.reaction import IN_WORDS, aligned_moments, own_force, own_slopes, reaction_at_dipole
 from fieldmap.typing import Array
 
+_NONE = np.zeros((3, 3))
 MagnetModel = Literal["fixed", "aligned", "rigid", "rigid upright"]
 MODELS = ("fixed", "aligned", "rigid", "rigid upright")
 CURRENT_STEP = 0.01
@@ -100,18 +101,18 @@ def dipole_stiffness(moment: Array, second_gradient: Array) -> Array:
     return -np.einsum("...i,...ikl->...kl", moment, second_gradient)
 
 
-def aligned_stiffness(magnitude: float, field: Array, gradient: Array, second_gradient: Array) -> Array:
-    """Stiffness K_kl = -dF_k/dx_l, N/m, of a dipole of constant magnitude that stays parallel to B.
+def aligned_turning(moment: Array, field: Array, gradient: Array, by_moment: Array = _NONE) -> Array:
+    """dm_i/dx_l, A m, of a dipole of constant magnitude that stays parallel to B.
 
-    F = m grad |B|. The turning adds -m/|B| (G^T G - (G^T b)(G^T b)^T) with b = B/|B|, whose trace is never
-    positive: an aligned dipole is at least as unstable as a fixed one. field (3,), gradient (3, 3),
-    second_gradient (3, 3, 3). Singular where B = 0.
+    (lambda / m - P (dB/dm) P) dm = P (dB/dx) dx with lambda = |B| and P across m. Without dB/dm the stiffness gets
+    -m/|B| (G^T G - (G^T b)(G^T b)^T) with b = B/|B|, whose trace is never positive: an aligned dipole is at least as
+    unstable as a fixed one. moment, field (3,), gradient (3, 3); by_moment (3, 3): dB_i/dm_k, T/(A m^2), of a field
+    that the dipole itself causes. Singular where B = 0.
     """
-    norm = float(np.linalg.norm(field))
-    direction = field / norm
-    along = direction @ gradient
-    turning = (gradient.T @ gradient - np.outer(along, along)) / norm
-    return dipole_stiffness(magnitude * direction, second_gradient) - magnitude * turning
+    size = np.linalg.norm(moment)
+    across = np.eye(3) - np.outer(moment, moment) / size**2
+    held = np.linalg.norm(field) / size * np.eye(3) - across @ by_moment @ across
+    return np.asarray(np.linalg.solve(held, across @ gradient))
 
 
 @dataclass(eq=False)
@@ -120,7 +121,7 @@ class MagnetBalance(ABC):
 
     magnitude: of the moment, or the largest sum of moments, by their magnitudes, met so far, A m^2. `evaluations`
     counts places of the magnet. finer: the same magnets by a finer volume rule; None where the rule is exact, or no
-    shape is known.
+    shape is known. field_scale: of `residual`, as for `scaled_force`.
     """
 
     source: Field
@@ -130,6 +131,7 @@ class MagnetBalance(ABC):
     _: KW_ONLY
     evaluations: int = 0
     finer: MagneticBody | None = None
+    field_scale: float = 1.0
 
     @property
     def weight(self) -> float:
@@ -183,7 +185,8 @@ class MagnetBalance(ABC):
     def scaled_force(self, points: Array, scale: float) -> Array:
         """Magnetic force (n, 3), N, with all of it times a scale but the reaction of the iron to the magnets, which no
         calibration of the field changes."""
-        return scale * self.magnetic_force(points) + (1.0 - scale) * self.reaction_force(points)
+        force = scale * self.magnetic_force(points)
+        return force if scale == 1.0 else force + (1.0 - scale) * self.reaction_force(points)
 
     def scaled_stiffness(self, position: Array, scale: float) -> Array:
         """-dF/dx (3, 3) at one position (3,), N/m, of that force; the reaction's share in it by differences."""
@@ -229,7 +232,7 @@ class MagnetBalance(ABC):
         for _ in range(_STEPS):
             try:
                 unbalanced = self.residual(place[None, :])[0] + self.rule_error(place)
-                stiffness = self.stiffness(place)
+                stiffness = self.residual_stiffness(place)
             except OutsideMapError:
                 break
             if np.isnan(unbalanced).any():
@@ -242,8 +245,12 @@ class MagnetBalance(ABC):
         return float("nan")
 
     def residual(self, points: Array) -> Array:
-        """Magnetic force plus weight (n, 3), N."""
-        return self.magnetic_force(points) - [0.0, 0.0, self.weight]
+        """Scaled magnetic force plus weight (n, 3), N."""
+        return self.scaled_force(points, self.field_scale) - [0.0, 0.0, self.weight]
+
+    def residual_stiffness(self, position: Array) -> Array:
+        """Minus the derivative of `residual` (3, 3) at one position (3,), N/m."""
+        return self.scaled_stiffness(position, self.field_scale)
 
     def force_per_signal(self, position: Array, signals: Array, steps: Array) -> Array:
         """Slopes of the magnetic force by signals, by central differences: exact for a field that is linear in the
@@ -294,10 +301,9 @@ class Balance(MagnetBalance):
         """Moment (n, 3) at points (n, 3), A m^2."""
         if self.fixed_moment is not None:
             return np.broadcast_to(self.fixed_moment, points.shape)
-        b = self.source.field(points, self.currents)
-        norm = np.linalg.norm(b, axis=-1, keepdims=True)
-        # Where B = 0 an aligned dipole has no direction; it feels no force there.
-        return np.divide(self.magnitude * b, norm, out=np.zeros_like(b), where=norm > 0.0)
+        return aligned_moments(
+            self.source.reaction, points, self.source.field(points, self.currents), self.magnitude
+        )
 
     def magnetic_force(self, points: Array) -> Array:
         """Magnetic force (n, 3) at points (n, 3), N."""
@@ -312,19 +318,18 @@ class Balance(MagnetBalance):
 
     def stiffness(self, position: Array) -> Array:
         """-dF/dx (3, 3) at one position (3,), N/m."""
-        point, turning = position[None, :], np.zeros((3, 3))
+        point, reaction = position[None, :], self.source.reaction
         second = self.source.second_gradient(point, self.currents)[0]
-        moment = self.moments(point)[0]
-        if self.fixed_moment is not None:
-            stiffness = dipole_stiffness(moment, second)
-        else:
+        moment, turning = self.moments(point)[0], np.zeros((3, 3))
+        stiffness = dipole_stiffness(moment, second)
+        if self.fixed_moment is None:
             b, slope = (part[0] for part in self.source.field_and_gradient(point, self.currents))
-            stiffness = aligned_stiffness(self.magnitude, b, slope, second)
-            along = b / np.linalg.norm(b)
-            turning = self.magnitude / np.linalg.norm(b) * (slope - np.outer(along, along @ slope))
-        if self.source.reaction is not None:
-            stiffness = stiffness - own_slopes(self.source.reaction, position, moment, turning)
-        return stiffness
+            back, own, change = np.zeros(3), _NONE, _NONE
+            if reaction is not None:
+                back, own, change = reaction_at_dipole(reaction, position, moment)
+            turning = aligned_turning(moment, b + back, slope + change, own)
+            stiffness = stiffness - slope.T @ turning
+        return stiffness if reaction is None else stiffness - own_slopes(reaction, position, moment, turning)
 
 
 @dataclass(eq=False)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from fieldmap.arguments import check_choice
+from fieldmap.arguments import check_choice, check_positive
 from fieldmap.device.model import Payload
 from fieldmap.errors import NoEquilibrium
 from fieldmap.field import AnyField, Bounds, require_bounds, resolve_currents
@@ -116,6 +116,7 @@ def find_equilibrium(
     payload: Payload | None = None,
     start: ArrayLike | None = None,
     moment: Literal["fixed", "aligned"] | None = None,
+    field_scale: float = 1.0,
 ) -> Equilibrium:
     """Find where the force on a payload balances its weight, F(x) + m g = 0, inside the field's box.
 
@@ -140,6 +141,8 @@ def find_equilibrium(
     moment
         "fixed" keeps the payload's direction; "aligned" lets the moment follow B, as a point dipole. Unless given,
         "aligned" for a payload that states turning = "free", "fixed" for any other.
+    field_scale
+        What a calibration multiplies every force by but that of the iron's reaction to magnets.
 
     Returns
     -------
@@ -170,7 +173,8 @@ def find_equilibrium(
         refuse_models_of_pieces("find_equilibrium(moment)", model)
     bounds, where = require_bounds(source), "find_equilibrium(start)"
     asked = None if start is None else check_centre(bounds, carried, start, where)
-    balance = magnet_balance(source, amperes, carried, asked, model)
+    check_positive("find_equilibrium", field_scale=field_scale)
+    balance = replace(magnet_balance(source, amperes, carried, asked, model), field_scale=field_scale)
     box = balance.box
     begin = None if asked is None else check_position(box, asked, where)
     grid = search_grid(box)
@@ -202,7 +206,7 @@ def _ranked(balance: MagnetBalance, box: Bounds, found: list[Array], begin: Arra
     def order(x: Array) -> tuple[float, float]:
         if begin is not None:
             return 0.0, float(np.linalg.norm(x - begin))
-        unstable = 3 - int(_eigen(balance.stiffness(x))[2].sum())
+        unstable = 3 - int(_eigen(balance.residual_stiffness(x))[2].sum())
         return float(unstable), float(np.linalg.norm((x - axis)[:2]))
 
     return sorted(found, key=order)
@@ -219,7 +223,7 @@ def _result(
 ) -> Equilibrium:
     ranked = _ranked(balance, box, found, begin)
     position = ranked[0]
-    stiffness = balance.stiffness(position)
+    stiffness = balance.residual_stiffness(position)
     eigenvalues, directions, stable = _eigen(stiffness)
     rests = assumptions_of_pieces(payload) if payload.pieces else assumptions(moment)
     drawn = [float(np.linalg.norm(balance.reaction_force(position[None, :])))]
@@ -303,7 +307,7 @@ def roots(balance: MagnetBalance, box: Bounds, starts: Array) -> list[Array]:
         scipy.optimize.least_squares(
             lambda x: balance.residual(x[None, :])[0] / balance.weight,
             np.clip(start, lower + inset, upper - inset),
-            jac=lambda x: -balance.stiffness(x) / balance.weight,
+            jac=lambda x: -balance.residual_stiffness(x) / balance.weight,
             bounds=(lower, upper),
             x_scale=upper - lower,
             ftol=1e-15,

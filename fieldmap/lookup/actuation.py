@@ -299,7 +299,7 @@ def _on_body(
     reacts = reacting_at(source.reaction, points)
     wrench, slopes = body.by_fields(every[0], every[1], turn, reacts)(np.append(amperes, 1.0))
     matrix = np.ascontiguousarray(slopes[:, :coils])
-    plain = source.proportional and not body.soft and reacts is None
+    plain = source.proportional and not body.soft and source.reaction is None
     return Actuation(FORCE_ROWS + TORQUE_ROWS, matrix, None if plain else wrench - matrix @ amperes)
 
 

@@ -8,7 +8,7 @@ over the dipoles that stand for its magnets and one for each ellipsoid of soft i
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -17,15 +17,12 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check, check_signal, check_vector, checked_vectors
 from fieldmap.core.body import CoreBody
-from fieldmap.errors import InputError
+from fieldmap.errors import InputError, NotConverged
 from fieldmap.field import AnyField, Field, as_field, coil_currents
 from fieldmap.lookup.soft_body import ASSUMPTION, SoftPiece, core_piece
-from fieldmap.reaction import Reaction
+from fieldmap.reaction import Reaction, signs_of
 from fieldmap.records import Record
 from fieldmap.typing import Array
-
-# Steps towards the moments of soft iron in the iron's reaction to itself, which is weak: each gains digits.
-_STEPS = 40
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -131,11 +128,11 @@ class MagneticBody(Record):
         ------
         OutsideMapError
             Where a part of the body is outside the field.
+        NotConverged
+            If soft iron and the machine's iron magnetise each other without end.
         """
-        arms, turn, flux, slope, _, single = self._asked(field, positions, currents, orientations)
-        dipoles, _, _ = self._moments(turn, flux)
-        result = _wrench(arms, dipoles, flux, slope)
-        return result[0] if single else result
+        found, single = self._found(field, positions, currents, orientations)
+        return found.wrench[0] if single else found.wrench
 
     def energy(
         self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
@@ -155,13 +152,8 @@ class MagneticBody(Record):
         Array
             Energy (n,), J.
         """
-        _, turn, flux, _, reacting, single = self._asked(field, positions, currents, orientations)
-        dipoles, induced, _ = self._moments(turn, flux)
-        fixed = len(self.points)
-        values = induced.sum(axis=1) - np.einsum("nqi,nqi->n", dipoles[:, :fixed], flux[:, :fixed])
-        # The moments in the field of the reaction count its energy twice.
-        values += 0.5 * reacting.squares
-        return values[0] if single else values
+        found, single = self._found(field, positions, currents, orientations)
+        return found.energy[0] if single else found.energy
 
     def dipoles(
         self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
@@ -182,8 +174,9 @@ class MagneticBody(Record):
         if not self.soft:
             turn = checked_turns(orientations, len(checked_vectors("positions", positions)[0]))
             return tuple(np.einsum("nij,qj->nqi", turn, of) for of in (self.points, self.moments))
-        arms, turn, flux, *_ = self._asked(field, positions, currents, orientations)
-        return arms, self._moments(turn, flux)[0]
+        found, _ = self._found(field, positions, currents, orientations)
+        where, _ = checked_vectors("positions", positions)
+        return found.points.reshape(found.moments.shape) - where[:, None], found.moments
 
     def induced_moment(
         self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
@@ -200,8 +193,9 @@ class MagneticBody(Record):
         Array
             Moments (n, s, 3) of s soft pieces, A m^2.
         """
-        moments = self.dipoles(field, positions, currents, orientations)[1][:, len(self.points) :]
-        return moments[0] if np.ndim(positions) == 1 else moments
+        found, single = self._found(field, positions, currents, orientations)
+        dipoles = found.moments[:, len(self.points) :]
+        return dipoles[0] if single else dipoles
 
     def whole_moment(
         self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
@@ -218,8 +212,9 @@ class MagneticBody(Record):
         Array
             Moment (n, 3), A m^2.
         """
-        total = self.dipoles(field, positions, currents, orientations)[1].sum(axis=1)
-        return total[0] if np.ndim(positions) == 1 else total
+        found, single = self._found(field, positions, currents, orientations)
+        total = found.moments.sum(axis=1)
+        return total[0] if single else total
 
     def stiffness(
         self, field: AnyField, position: ArrayLike, currents: Any, orientation: ArrayLike | None = None
@@ -236,16 +231,24 @@ class MagneticBody(Record):
         Array
             -dF/dx (3, 3), N/m.
         """
-        place = np.reshape(position, (1, 3))
-        arms, turn, flux, slope, reacting, _ = self._asked(field, place, currents, orientation)
-        dipoles, _, by_field = self._moments(turn, flux, slopes=True)
-        source, points = as_field(field), place + arms[0]
-        stiffness = -np.einsum("qi,qikl->kl", dipoles[0], source.second_gradient(points, currents))
-        soft = slope[0, len(self.points) :]
-        stiffness -= np.einsum("pij,pjl,pik->kl", by_field[0], soft, soft)
-        if source.reaction is not None:
-            stiffness -= reacting.slopes(source.reaction.second_gradient(points), dipoles, by_field, soft)
-        return np.asarray(stiffness)
+        found, _ = self._found(field, np.reshape(position, (1, 3)), currents, orientation, slopes=True)
+        source, moments, by_field = as_field(field), found.moments[0], found.by_field[0]
+        repelled, fields, gradients = found.reaction
+        signs = signs_of(fields.shape[1], repelled)
+        weights = signs * np.einsum("qki,qi->k", fields, moments)
+        slope = found.slope + np.einsum("k,qkij->qij", weights, gradients)
+        inside, soft = fields[len(self.points) :], slope[len(self.points) :]
+        stiffness = -np.einsum("qi,qikl->kl", moments, source.second_gradient(found.points, currents))
+        stiffness -= np.einsum("pij,pjl,pik->kl", by_field, soft, soft)
+        if source.reaction is None:
+            return stiffness
+        second = source.reaction.second_gradient(found.points)
+        # The weights follow the place, and so do moments of soft iron: (1 - b chi b s) dw = m . db + b chi dB.
+        moved = np.einsum("qkij,qi->kj", gradients, moments)
+        moved += np.einsum("pki,pij,pjl->kl", inside, by_field, soft)
+        coupled = np.eye(len(signs)) - np.einsum("pki,pij,plj->kl", inside, by_field, inside) * signs
+        stiffness -= np.einsum("k,kqijl,qi->jl", weights, second, moments)
+        return np.asarray(stiffness - (signs * moved.T) @ np.linalg.solve(coupled, moved))
 
     def by_fields(
         self, flux: Array, slope: Array, orientation: Array, reacts: tuple[int, Array, Array] | None = None
@@ -272,8 +275,7 @@ class MagneticBody(Record):
         """
         turn, k = np.array(orientation, dtype=np.float64, order="C"), flux.shape[1]
         fields = np.ascontiguousarray(flux), np.ascontiguousarray(slope)
-        nothing = np.zeros((len(flux), 0, 3, 3))
-        reaction = (0, nothing[..., 0], nothing) if reacts is None else reacts
+        reaction = reacts or reacting_at(None, flux)
 
         def load(weights: Array) -> tuple[Array, Array]:
             wrench, slopes = np.empty(6), np.empty((6, k))
@@ -282,49 +284,64 @@ class MagneticBody(Record):
 
         return load
 
-    def _moments(self, turn: Array, flux: Array, slopes: bool = False) -> tuple[Array, Array, Array]:
-        """Moments (n, count, 3) in the frame of the field; of the soft pieces the energies (n, s) and dm/dB
-        (n, s, 3, 3), zero unless asked for."""
-        n, s = len(flux), len(self.soft)
-        fixed = np.einsum("nij,qj->nqi", turn, self.moments)
-        induced, energies, by_field = np.empty((n, s, 3)), np.empty((n, s)), np.zeros((n, s, 3, 3))
-        if not s:
-            return fixed, energies, by_field
-        at, turns = np.ascontiguousarray(flux[:, len(self.points) :]), np.ascontiguousarray(turn)
-        self.core.induced_moments(turns, at, induced, energies, by_field if slopes else None)
-        return np.concatenate([fixed, induced], axis=1), energies, by_field
-
-    def _asked(
-        self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None
-    ) -> tuple[Array, Array, Array, Array, _Reacting, bool]:
-        """Arms, turns, flux density and gradient at all points, the reaction of the iron among them, that reaction, and
-        whether one position was given."""
+    def _found(
+        self,
+        field: AnyField,
+        positions: ArrayLike,
+        currents: Any,
+        orientations: ArrayLike | None,
+        slopes: bool = False,
+    ) -> tuple[_Found, bool]:
+        """What the C core finds; and whether one position was given."""
         where, single = checked_vectors("positions", positions)
         n, q = len(where), self.count
-        turn = checked_turns(orientations, n)
-        arms = np.einsum("nij,qj->nqi", turn, self.all_points)
+        turn = np.ascontiguousarray(checked_turns(orientations, n))
         source = as_field(field)
         amperes = coil_currents(currents, source.coil_names, n, finite=False)
         if amperes.ndim == 2:
             amperes = np.repeat(amperes, q, axis=0)
-        points = (where[:, None] + arms).reshape(-1, 3)
+        points = (where[:, None] + np.einsum("nij,qj->nqi", turn, self.all_points)).reshape(-1, 3)
         flux, slope = source.field_and_gradient(points, amperes)
-        flux, slope = flux.reshape(n, q, 3), slope.reshape(n, q, 3, 3)
-        reacting = _Reacting.of(source.reaction, points, (n, q))
-        reacting = self._reacting(reacting, turn, flux)
-        return arms, turn, flux + reacting.flux, slope + reacting.slope, reacting, single
+        reaction = reacting_at(source.reaction, points)
+        repelled, b, slopes_of_b = reaction
+        of_bodies = repelled, b.reshape(n, q, -1, 3), slopes_of_b.reshape(n, q, -1, 3, 3)
+        found = np.empty((n, 6)), np.empty(n), np.empty((n, q, 3)), np.empty((n, len(self.soft), 3, 3))
+        own = np.ascontiguousarray(flux).reshape(n, q, 3), np.ascontiguousarray(slope).reshape(n, q, 3, 3)
+        settled = self.core.at_poses(turn, own, of_bodies, found if slopes else (*found[:3], None))
+        if not settled and np.isfinite(flux).all():
+            raise unsettled("MagneticBody")
+        return _Found(points, slope, reaction, *found), single
 
-    def _reacting(self, reacting: _Reacting, turn: Array, flux: Array) -> _Reacting:
-        """The reaction to the body in a field (n, q, 3) of others. Moments of soft iron follow it, step by step."""
-        if not len(reacting.signs):
-            return reacting
-        for _ in range(_STEPS):
-            before = reacting.weights
-            reacting = reacting.to(self._moments(turn, flux + reacting.flux)[0])
-            largest = np.abs(reacting.weights).max(initial=0.0)
-            if not self.soft or np.abs(reacting.weights - before).max() <= 1e-14 * largest:
-                break
-        return reacting
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _Found(Record):
+    """Of a body at n poses: points (n q, 3), the gradient (n q, 3, 3) there without the iron's reaction, and that of
+    `reacting_at`; wrench (n, 6), energy (n,), moments (n, q, 3), dm/dB (n, s, 3, 3) of its s pieces of soft iron."""
+
+    points: Array
+    slope: Array
+    reaction: tuple[int, Array, Array]
+    wrench: Array
+    energy: Array
+    moments: Array
+    by_field: Array
+
+
+def unsettled(where: str) -> NotConverged:
+    """The error for soft iron whose moments come to no end.
+
+    Parameters
+    ----------
+    where
+        Function that was asked.
+
+    Returns
+    -------
+    NotConverged
+        To raise.
+    """
+    must_hold = "the moments of soft iron must come to an end in each other's fields"
+    return NotConverged.of(where, must_hold, "moments that grow", "keep bodies apart: they overlap")
 
 
 def loaded(field: Field, moment: ArrayLike | MagneticBody) -> ArrayLike | MagneticBody:
@@ -334,7 +351,7 @@ def loaded(field: Field, moment: ArrayLike | MagneticBody) -> ArrayLike | Magnet
     return MagneticBody.dipole(moment)
 
 
-def reacting_at(reaction: Reaction | None, points: Array) -> tuple[int, Array, Array] | None:
+def reacting_at(reaction: Reaction | None, points: Array) -> tuple[int, Array, Array]:
     """The iron's reaction at the points of a body, for `MagneticBody.by_fields`.
 
     Parameters
@@ -346,75 +363,14 @@ def reacting_at(reaction: Reaction | None, points: Array) -> tuple[int, Array, A
 
     Returns
     -------
-    tuple[int, Array, Array] | None
+    tuple[int, Array, Array]
         Of how many fields, the last, the sign is -1; flux densities (p, k, 3), T/sqrt(J), and gradients (p, k, 3, 3).
     """
     if reaction is None:
-        return None
+        nothing = np.zeros((len(points), 0, 3, 3))
+        return 0, nothing[..., 0], nothing
     flux, slope = (np.ascontiguousarray(np.swapaxes(values, 0, 1)) for values in reaction.fields(points))
     return int((reaction.signs < 0).sum()), flux, slope
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class _Reacting(Record):
-    """The iron's reaction at q points of n bodies: fields b (k, n, q, 3) and gradients (k, n, q, 3, 3) at weight 1,
-    signs (k,), and weights (k, n), docs/theory/reaction.md (1), of each body alone."""
-
-    fields: Array
-    gradients: Array
-    signs: Array
-    weights: Array
-
-    @classmethod
-    def of(cls, reaction: Reaction | None, points: Array, shape: tuple[int, int]) -> _Reacting:
-        """To nothing yet, at points (n q, 3)."""
-        if reaction is None:
-            nothing = np.zeros((0, *shape, 3, 3))
-            return cls(nothing[..., 0], nothing, np.zeros(0), np.zeros((0, shape[0])))
-        fields, gradients = reaction.fields(points)
-        k = len(fields)
-        gradients = gradients.reshape(k, *shape, 3, 3)
-        return cls(fields.reshape(k, *shape, 3), gradients, reaction.signs, np.zeros((k, shape[0])))
-
-    def to(self, moments: Array) -> _Reacting:
-        """To moments (n, q, 3) at the points."""
-        return replace(self, weights=np.einsum("knqi,nqi->kn", self.fields, moments))
-
-    @cached_property
-    def flux(self) -> Array:
-        """Its flux density (n, q, 3), T."""
-        return np.einsum("k,kn,knqi->nqi", self.signs, self.weights, self.fields)
-
-    @cached_property
-    def slope(self) -> Array:
-        """Its gradient (n, q, 3, 3), T/m."""
-        return np.einsum("k,kn,knqij->nqij", self.signs, self.weights, self.gradients)
-
-    @property
-    def squares(self) -> Array:
-        """Sum of s w^2 (n,), J."""
-        return self.signs @ self.weights**2
-
-    def slopes(self, second: Array, dipoles: Array, by_field: Array, soft: Array) -> Array:
-        """Its share in dF/dx (3, 3), N/m, of one body: second (k, q, 3, 3, 3), second derivatives of the fields;
-        dipoles, moments (1, q, 3); of the soft pieces, the last of the points, dm/dB (1, p, 3, 3) and the whole
-        gradient (p, 3, 3)."""
-        first = len(dipoles[0]) - len(soft)
-        signs, moments, inside = self.signs, dipoles[0], self.fields[:, 0, first:]
-        pull = np.einsum("kqij,qi->kj", self.gradients[:, 0], moments)
-        # The weights follow the place, and so do moments of soft iron: (1 - b chi b s) dw = m . db + b chi dB.
-        moved = np.einsum("kpi,pij,pjl->kl", inside, by_field[0], soft)
-        coupled = np.eye(len(signs)) - np.einsum("kpi,pij,lpj->kl", inside, by_field[0], inside) * signs
-        change = np.linalg.solve(coupled, pull + moved)
-        slopes = np.einsum("k,k,kqijl,qi->jl", signs, self.weights[:, 0], second, moments)
-        return np.asarray(slopes + np.einsum("k,kj,kl->jl", signs, pull + moved, change))
-
-
-def _wrench(arms: Array, dipoles: Array, flux: Array, slope: Array) -> Array:
-    """(n, 6) of dipoles (n, q, 3) at arms (n, q, 3) in flux (n, q, 3) and gradient (n, q, 3, 3)."""
-    force = np.einsum("nqij,nqi->nqj", slope, dipoles)
-    torque = np.cross(dipoles, flux) + np.cross(arms, force)
-    return np.concatenate([force.sum(axis=1), torque.sum(axis=1)], axis=1)
 
 
 def checked_turns(orientations: ArrayLike | None, n: int) -> Array:

@@ -14,13 +14,13 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check, check_vector, checked_vectors
 from fieldmap.core.body import wrench_slopes
-from fieldmap.errors import Infeasible, InputError, NotConverged
+from fieldmap.errors import Infeasible, InputError
 from fieldmap.field import AnyField, as_field, coil_currents
 from fieldmap.lookup.actuation import FORCE_ROWS, TORQUE_ROWS, Actuation, Limits, checked_limits
 from fieldmap.lookup.demand import Demand
 from fieldmap.lookup.inverse import checked_weight, fields_of, least_power_of
 from fieldmap.lookup.inverse_problem import FieldAtPoints, Goal, SumOfFields, Variables
-from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns, reacting_at
+from fieldmap.lookup.magnetic_body import MagneticBody, checked_turns, reacting_at, unsettled
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -67,8 +67,7 @@ class _Goal(Goal):
         k, poses = fields.shape[1], (cores, self.places, self.turn)
         flux = np.ascontiguousarray(fields[:, :, :3])
         gradient = np.ascontiguousarray(fields[:, :, 3:]).reshape(-1, k, 3, 3)
-        none = np.zeros((len(flux), 0, 3, 3))
-        reacts = (0, none[..., 0], none) if self.reacts is None else self.reacts
+        reacts = self.reacts or reacting_at(None, flux)
 
         def load(weights: Array) -> tuple[Array, Array]:
             wrench, slopes = np.empty((len(cores), 6)), np.empty((len(cores), 6, k))
@@ -78,23 +77,6 @@ class _Goal(Goal):
             return wanted @ wrench.ravel(), wanted @ slopes.reshape(-1, k)
 
         return load
-
-
-def unsettled(where: str) -> NotConverged:
-    """The error for soft iron whose moments come to no end.
-
-    Parameters
-    ----------
-    where
-        Function that was asked.
-
-    Returns
-    -------
-    NotConverged
-        To raise.
-    """
-    must_hold = "the moments of soft iron must come to an end in each other's fields"
-    return NotConverged.of(where, must_hold, "moments that grow", "keep bodies apart: they overlap")
 
 
 def currents_for_several(

@@ -80,7 +80,7 @@ def reaction_arrays(reaction: ReactionFields | None) -> Kept:
     """Arrays and a plain description of the iron's reaction; no arrays where there is none."""
     if reaction is None:
         return {}, {}
-    names = ("repelled", "dipoles", "asymmetry", "error", "change")
+    names = ("repelled", "dipoles", "asymmetry", "error", "width", "change")
     return _faces_to(reaction.faces, reaction.charge), {name: getattr(reaction, name) for name in names}
 
 

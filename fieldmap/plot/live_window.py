@@ -3,7 +3,7 @@ Lengths in mm where something is drawn."""
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -68,9 +68,9 @@ class LiveMap:
 
     field_map: an opened map. payload: the magnet. points (n, 3), m: where the field is asked for.
     current_limit: ends of the sliders of a linear map, A; of a map of saturating iron they are its domain. force_scale:
-    what every force is multiplied by, 1 unless a calibration says otherwise. states_file: where saved states are kept,
-    as JSON, read at once where it is there. Raises InputError for a payload that is none, a limit that is not positive,
-    and a file that is none of saved states.
+    what every force but that of the iron's reaction is multiplied by, from a calibration. states_file: where saved
+    states are kept, as JSON, read at once where it is there. Raises InputError for a payload that is none, a limit
+    that is not positive, and a file that is none of saved states.
 
     `values` of `controls`, and the `answer` to them, follow `move`, `reset` and `restore`.
 
@@ -93,9 +93,8 @@ class LiveMap:
             raise InputError.of("LiveMap(payload)", "must be a payload", "none", remedy)
         check_payload(payload, "LiveMap")
         self.field_map, self.points = field_map, np.asarray(points, dtype=float)
-        # A force that is larger by a factor lifts the same as a moment that is.
         self.weight = payload.mass * GRAVITY
-        self._payload = replace(payload, moment=force_scale * payload.moment)
+        self._payload, self._scale = payload, force_scale
         low, high = field_map.lower[2], field_map.upper[2]
         height = Control("magnet z", "mm", 1e3 * low, 1e3 * high, 1e3 * (0.4 * low + 0.6 * high))
         begin = self._start(1e-3 * height.value)
@@ -124,8 +123,8 @@ class LiveMap:
             return reference
         place = self._place(height)
         lift, off = (
-            magnet_balance(self.field_map, amperes, self._payload, place, "fixed").magnetic_force(
-                place[None]
+            magnet_balance(self.field_map, amperes, self._payload, place, "fixed").scaled_force(
+                place[None], self._scale
             )[0, 2]
             for amperes in (reference, 0.0 * reference)
         )
@@ -145,7 +144,7 @@ class LiveMap:
         try:
             flux = self.field_map.at(amperes).field(self.points)
             balance = magnet_balance(self.field_map, amperes, self._payload, place)
-            force = balance.magnetic_force(place[None, :])[0]
+            force = balance.scaled_force(place[None, :], self._scale)[0]
         except OutsideMapError as error:
             nothing = np.full(3, np.nan)
             flux, held = np.full(self.points.shape, np.nan), self._payload.held()
@@ -156,7 +155,8 @@ class LiveMap:
 
     def _equilibrium(self, amperes: Array) -> tuple[Equilibrium | None, str]:
         try:
-            found = find_equilibrium(self.field_map, amperes, self._payload, self._last)
+            about = self.field_map, amperes, self._payload, self._last
+            found = find_equilibrium(*about, field_scale=self._scale)
         except NoEquilibrium as error:
             self._last = None
             return None, _short(error)

@@ -30,7 +30,15 @@ LARGEST = 10.0
 TOLERANCE = 1e-4
 ACCURACY, TIMES_BETTER = 1e-3, 100.0
 SECONDS = 120.0
-SHIPPED = ("workspace", "division", "division_quick", "saturating", "eight_coils", "eight_coils_bead")
+SHIPPED = (
+    "workspace",
+    "division",
+    "division_quick",
+    "saturating",
+    "eight_coils",
+    "eight_coils_bead",
+    "five_coils",
+)
 _SEED = 43
 
 

@@ -9,7 +9,7 @@ from fieldmap.core.machine import INSIDE, STATE, CoreMachine
 from fieldmap.core.several_bodies import CoreSeveralBodies
 from tests.core.map_cases import CURRENTS, block_of
 from tests.core.test_machine import MIDDLE, body_numbers, plant, state_at
-from tests.core.test_soft_iron import DIPOLES, POSE, TURN, pieces
+from tests.core.test_soft_iron import DIPOLES, POSE, TURN, induced, pieces
 
 PLACES = 0.02 * np.array([[0.0, 0.0, 0.0], [1.0, 0.5, -0.8], [-0.7, 1.0, 0.5]])
 TURNS = np.array([POSE, TURN, POSE @ TURN])
@@ -64,13 +64,13 @@ def test_moments_and_loads_by_plain_sums(random, bodies):
     near = near + np.einsum("k,pki,qkj->pqij", signs, back, back)
     applied = np.einsum("k,pki->pi", WEIGHTS, flux)
     moments = np.zeros((5, 3))
-    moments[[0, 4]] = TURNS[[0, 2]] @ DIPOLES[0, 3:]
     for _ in range(300):
         whole = applied + np.einsum("pqij,qj->pi", near, moments)
-        for body, points in ((0, [1, 2]), (1, [3])):
-            found = np.empty((1, len(points), 3)), np.empty((1, len(points)))
-            bodies[body].induced_moments(TURNS[body][None].copy(), whole[None, points], *found, None)
-            moments[points] = found[0][0]
+        for body in range(3):
+            points = owner == body
+            moments[points] = induced(bodies[body], whole[None, points], TURNS[body][None].copy(), soft=0)[0][
+                0
+            ]
     # The dipole's field changes by (15 r r r - 3 r^2 (r 1 + ...)) / r^7: by differences.
     wrench = np.zeros((3, 6))
     weights = np.einsum("pki,pi->k", back, moments) * signs

@@ -41,18 +41,21 @@ def pieces(reluctance=0.02):
     return sphere, Soft(np.array([1e-3, 0.0, 2e-3]), TURN, FACTORS, 3.0, 0.0, law)
 
 
-def induced(body, flux, turns=None, slopes=True):
-    """Moments (n, s, 3), energies (n, s) and slopes (n, s, 3, 3)."""
-    n, s = flux.shape[:2]
-    found = np.empty((n, s, 3)), np.empty((n, s)), np.empty((n, s, 3, 3)) if slopes else None
-    body.induced_moments(np.tile(np.eye(3), (n, 1, 1)) if turns is None else turns, flux, *found)
-    return found
+def induced(body, flux, turns=None, soft=None):
+    """Moments (n, q, 3), energies (n,) and slopes (n, soft, 3, 3) or, for 0, none of them."""
+    n, q = flux.shape[:2]
+    slopes = None if soft == 0 else np.empty((n, q if soft is None else soft, 3, 3))
+    found, nothing = (np.empty((n, q, 3)), np.empty(n)), np.zeros((n, q, 0, 3, 3))
+    turn = np.tile(np.eye(3), (n, 1, 1)) if turns is None else turns
+    fields, reaction = (flux, np.zeros((n, q, 3, 3))), (0, nothing[..., 0], nothing)
+    assert body.at_poses(turn, fields, reaction, (np.empty((n, 6)), found[1], found[0], slopes))
+    return *found, slopes
 
 
 def of_one(piece, flux):
     """Moment, energy and slopes of one piece in flux (3,)."""
     moments, energies, slopes = induced(CoreBody(np.zeros((0, 6)), [piece]), flux[None, None])
-    return moments[0, 0], energies[0, 0], slopes[0, 0]
+    return moments[0, 0], energies[0], slopes[0, 0]
 
 
 @pytest.mark.parametrize("reluctance", [0.0, 0.02, 10.0])
@@ -97,15 +100,18 @@ def test_slopes_are_those_of_the_moment_and_of_the_energy(size):
 
 def test_bodies_at_several_poses():
     body, turns = CoreBody(DIPOLES, pieces()), np.array([np.eye(3), TURN])
-    flux = np.random.default_rng(1).normal(size=(2, 2, 3))
-    moments, energies, slopes = induced(body, flux, turns)
+    flux = np.random.default_rng(1).normal(size=(2, 3, 3))
+    moments, energies, slopes = induced(body, flux, turns, soft=2)
     for n in range(2):
+        np.testing.assert_allclose(moments[n, 0], turns[n] @ DIPOLES[0, 3:], rtol=1e-14)
+        sum_of = -moments[n, 0] @ flux[n, 0]
         for p, piece in enumerate(pieces()):
-            own, energy, slope = of_one(piece, turns[n].T @ flux[n, p])
-            np.testing.assert_allclose(moments[n, p], turns[n] @ own, rtol=1e-13)
+            own, energy, slope = of_one(piece, turns[n].T @ flux[n, 1 + p])
+            np.testing.assert_allclose(moments[n, 1 + p], turns[n] @ own, rtol=1e-13)
             np.testing.assert_allclose(slopes[n, p], turns[n] @ slope @ turns[n].T, rtol=1e-12, atol=1e-12)
-            assert energies[n, p] == pytest.approx(energy, rel=1e-14)
-    again, _, none = induced(pickle.loads(pickle.dumps(body)), flux, turns, slopes=False)
+            sum_of += energy
+        assert energies[n] == pytest.approx(sum_of, rel=1e-14)
+    again, _, none = induced(pickle.loads(pickle.dumps(body)), flux, turns, soft=0)
     np.testing.assert_array_equal(again, moments)
     assert none is None
 

@@ -237,6 +237,16 @@ def test_keys_beside_a_function(feedforward, signals, gives, where):
             experiment._refuse_beside(*about)
 
 
+def test_the_drags_of_payload_and_scenario_add_up(six):
+    device = fm.read_device("drive_unit")
+    device = replace(device, payload=replace(device.payload, drag=0.3))
+    for given, linear in (([0.0] * 3, [0.3] * 3), ([0.1, 0.2, 0.5], [0.4, 0.5, 0.8])):
+        scenario = read_scenario("vertical_step", {"drag.linear_N_s_per_m": given})
+        machine = prepare(scenario, six, device).machine
+        np.testing.assert_allclose(machine.drag.linear, linear, rtol=1e-15)
+        assert machine.drag.turning == scenario.settings.drag.turning
+
+
 @pytest.fixture(scope="module")
 def linear(six):
     given = {"drag.linear_N_s_per_m": [0.5] * 3, "reference.0.by_mm": 0.0, "start.depth_mm": 12.0}

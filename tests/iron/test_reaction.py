@@ -57,6 +57,8 @@ def test_ball(mu_r, within):
     # The stated error of the fields is that at dipoles which had no part in their choice.
     assert found.error < 5e-3
     assert found.asymmetry < 1e-3
+    # Elements of 4 mm, 14 mm from the box.
+    assert found.width == pytest.approx(4 / 14, rel=0.2)
 
 
 def test_size_scales_out():
@@ -66,10 +68,12 @@ def test_size_scales_out():
     ring = fm.CircularCoil("1", 0.02, 0.04, 0.02, 100.0, placement=fm.Placement([0.0, 0.0, 0.16]))
     large = fm.Device("ball", "", (ring,), (doubled,), large.materials)
     points = np.array([[0.001, 0.002, -0.037]])
-    pairs = [
-        own(solve_linear_and_reaction(device, box=(k * BOX[0], k * BOX[1]))[1], k * points)
+    found = [
+        solve_linear_and_reaction(device, box=(k * BOX[0], k * BOX[1]))[1]
         for k, device in ((1.0, small), (2.0, large))
     ]
+    pairs = [own(found[0], points), own(found[1], 2.0 * points)]
+    assert found[0].width == pytest.approx(found[1].width, rel=1e-6)
     assert 8.0 * pairs[1][0] == pytest.approx(pairs[0][0], rel=1e-6)
     assert 16.0 * pairs[1][1] == pytest.approx(pairs[0][1], rel=1e-6)
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fieldmap.levitation.balance import aligned_stiffness, dipole_force, dipole_stiffness
+from fieldmap.levitation.balance import aligned_turning, dipole_force, dipole_stiffness
 
 MOMENT = np.array([0.1, -0.3, 0.8])
 POINT = np.array([[0.004, -0.003, 0.021]])
@@ -31,6 +31,11 @@ def test_fixed_stiffness_taylor(axisymmetric):
         return np.linalg.norm(there - here + stiffness @ step * scale)
 
     assert error(0.5) / error(1.0) == pytest.approx(0.25, rel=0.05)
+
+
+def aligned_stiffness(magnitude, b, g, h):
+    moment = magnitude * b / np.linalg.norm(b)
+    return dipole_stiffness(moment, h) - g.T @ aligned_turning(moment, b, g)
 
 
 def test_aligned_stiffness_taylor(axisymmetric):

@@ -278,7 +278,7 @@ def test_an_aligned_moment_has_no_direction_where_there_is_no_field(axisymmetric
 
 def test_places_are_ranked_by_their_distance_from_the_middle_of_the_box():
     box = np.array([0.01, -0.02, -0.1]), np.array([0.03, 0.0, -0.05])
-    balance = SimpleNamespace(stiffness=lambda _: -np.eye(3))
+    balance = SimpleNamespace(residual_stiffness=lambda _: -np.eye(3))
     near, far = np.array([0.021, -0.012, -0.09]), np.array([0.012, -0.008, -0.07])
     for found in ([near, far], [far, near]):
         assert [tuple(x) for x in _ranked(balance, box, found, None)] == [tuple(near), tuple(far)]

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import fieldmap as fm
 from fieldmap.errors import NotConverged
@@ -47,12 +48,28 @@ def alone(file):
 
 
 def wrenches(field, payload, places, current):
-    """Force (n, 3), N, on the payload as it stands, by the map's own wrench; a free one lies along the coil's field."""
+    """Force (n, 3), N, on the payload as it stands, by the map's own wrench; a free one has no torque."""
     if payload.turning != "free":
         return magnetic_body(payload).wrench(field, places, [current])[:, :3]
     flux = field.field(places, [current])
-    moments = payload.moment * flux / np.linalg.norm(flux, axis=1)[:, None]
+    moments = np.array([free_moment(field, *at, payload.moment) for at in zip(places, flux, strict=True)])
     return field.wrench(places, moments, [current])[:, :3]
+
+
+def free_moment(field, place, flux, size):
+    """Of least energy -m . B - m . A m / 2: (l - A) m = B in the axes of A, with |m| = size for the largest l."""
+    strength, axes = np.zeros(3), np.eye(3)
+    if field.reaction is not None:
+        b = field.reaction.fields(place[None])[0][:, 0]
+        strength, axes = np.linalg.eigh(np.einsum("k,ki,kj->ij", field.reaction.signs, b, b))
+    inside = flux @ axes
+
+    def excess(l):
+        return np.linalg.norm(inside / (l - strength)) - size
+
+    low = strength.max() + 1e-9 * np.linalg.norm(flux) / size
+    found = brentq(excess, low, strength.max() + 2 * np.linalg.norm(flux) / size, xtol=1e-18, rtol=1e-15)
+    return axes @ (inside / (found - strength))
 
 
 def stated(result):

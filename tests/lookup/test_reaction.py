@@ -1,5 +1,7 @@
 """The iron's reaction in a map: forces on magnets that it draws to the iron, and their energy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -9,6 +11,7 @@ from fieldmap.errors import OutsideMapError
 from fieldmap.lookup import compiled_wrench, magnetic_body
 from fieldmap.lookup.actuation import actuation
 from fieldmap.lookup.magnetic_body import MagneticBody
+from tests.iron.test_reaction import BOX, ball, series
 
 PLACE = np.array([0.002, 0.001, -0.0253])
 TURN = Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix()
@@ -113,6 +116,19 @@ def test_all_ways_to_ask_agree(field, device):
     assert wrench == pytest.approx(body.wrench(field, PLACE, CURRENT, TURN), rel=1e-9)
     about = actuation(field, PLACE, CURRENT, body, TURN)
     assert slopes == pytest.approx(about.matrix[8:], rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["harmonic", "hermite"])
+def test_torque_on_a_tilted_dipole_beside_a_ball(tmp_path, kind):
+    """m x A m with A of the closed series: across and along the radius of the ball, which is z."""
+    device = replace(ball(fm.LinearMaterial("iron", 10.0)), workspace=fm.WorkspaceBox(*BOX))
+    field = fm.open_map(fm.generate(device, tmp_path / "ball.h5", spacing=2e-3, progress=False), kind=kind)
+    moment = 0.7 * np.array([0.6, 0.0, 0.8])
+    for distance in (0.035, 0.045):
+        along, across = series(10.0, distance)[0].ravel()
+        torque = field.wrench([0.0, 0.0, -distance], moment, [0.0])[3:]
+        exact = moment[2] * moment[0] * (across - along)
+        assert torque == pytest.approx([0.0, exact, 0.0], abs=5e-3 * abs(exact))
 
 
 def test_currents_for_a_force_count_it(field, without, device):

@@ -12,6 +12,7 @@ from fieldmap.currents import IndependentCurrents, LiftAndDirections, divide_cur
 from fieldmap.device.model import MagnetCylinder, Payload
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.levitation import find_equilibrium
+from fieldmap.lookup import magnetic_body
 from fieldmap.plot.device_drawing import FLUX, MAGNET
 from fieldmap.plot.live_window import FORCE, LEGEND, LiveMap, LiveWindow, _controls
 from fieldmap.plot.scales import MILLIMETRES
@@ -82,6 +83,28 @@ def test_it_begins_with_what_the_iron_leaves_of_the_weight(tmp_path):
         assert answer.lift == pytest.approx(1.0)
         currents.append(answer.currents[0])
     assert 0.0 < currents[0] < 0.7 * currents[1]
+
+
+def test_a_calibration_leaves_the_pull_of_the_iron_as_it_is(tmp_path):
+    """Force and equilibrium by the two maps, with the iron's reaction and without."""
+    device, scale, current = fm.read_device("desk_levitator"), 1.3, 0.4
+    path = fm.generate(device, tmp_path / "desk.h5", spacing=3e-3, progress=False)
+    field, alone = fm.open_map(path), fm.open_map(path, reaction=False)
+    live = LiveMap(field, device.payload, POINTS[:1] + field.upper, force_scale=scale)
+    body = magnetic_body(device.payload)
+
+    def force(place):
+        both, own = (body.wrench(one, place, [current])[:3] for one in (field, alone))
+        return scale * own + (both - own)
+
+    answer = live.answer_at([current, -25.0])
+    np.testing.assert_allclose(answer.force, force(answer.place), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        force(answer.equilibrium.position), [0, 0, live.weight], atol=1e-7 * live.weight
+    )
+    place, step = answer.equilibrium.position, 1e-5 * np.eye(3)
+    slopes = np.array([force(place - h) - force(place + h) for h in step]).T / 2e-5
+    np.testing.assert_allclose(answer.equilibrium.stiffness, slopes, atol=1e-4 * np.abs(slopes).max())
 
 
 def test_without_an_equilibrium_there_are_words(live):

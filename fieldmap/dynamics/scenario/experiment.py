@@ -1,7 +1,7 @@
 """From a scenario to a run: machine, controller, schedule, state at the start."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -158,6 +158,9 @@ def _prepared(scenario: Scenario, field: Field | None, device: Device | None, ow
     allocation = signals or allocation_about(balance, magnet, currents, device.driver.gain, where)
     settings.refuse_idle(allocation.idle)
 
+    x_drag, y_drag, z_drag = (value + device.payload.drag for value in settings.drag.linear)
+    drag = replace(settings.drag, linear=(x_drag, y_drag, z_drag))
+
     # The machine in equilibrium. Saturating iron can be linearised about the currents of the equilibrium, which depend
     # on the linearisation; hence the iteration.
     walls, beyond = scenario.contents.walls, settings.coils.end_beyond_table
@@ -169,7 +172,7 @@ def _prepared(scenario: Scenario, field: Field | None, device: Device | None, ow
             settings.coils.drive(device),
             settings.sensors,
             allocation,
-            settings.drag,
+            drag,
             settings.plate,
             settings.walls,
             (*(() if walls is None else walls.end), *(("currents",) if beyond else ())),

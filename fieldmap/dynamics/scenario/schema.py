@@ -320,7 +320,9 @@ class Settings(Record):
         FieldSettings()
     )
     body: Annotated[BodySettings, Key(table_of(BodySettings), "the body around the magnet")] = BodySettings()
-    drag: Annotated[Drag, Key(table_of(Drag), "resistance of the air")] = _NO_DRAG
+    drag: Annotated[Drag, Key(table_of(Drag), "resistance of the air, beside the drag of the payload")] = (
+        _NO_DRAG
+    )
     plate: Annotated[Plate | None, Key(table_of(Plate) | None, "a conducting plate")] = None
     walls: Annotated[
         Walls | None, Key(table_of(Walls, bases=(WallEndKeys,)) | None, "walls that the body can touch")

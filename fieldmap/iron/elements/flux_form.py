@@ -19,6 +19,7 @@ field is that of `fieldmap.iron.elements.nodal_elements`: free of curl by constr
 circuit is driven by the exact circulation, however permeable the iron.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,6 +79,11 @@ class FluxElements(Elements):
         face = np.empty(number.max() + 1, np.int64)
         face[number[: len(topology.nodes)]] = np.arange(len(topology.nodes))
         return _means(face[number[len(topology.nodes) :]], self.count)
+
+    @property
+    def node_points(self) -> Array:
+        """See `NodalElements`."""
+        return self.nodal.node_points
 
     def elimination_order(self) -> Index:
         """Order (n,) in which the unknowns are eliminated: that of nested dissection for the faces, all three of one
@@ -228,19 +234,23 @@ class FluxForm(ConvexForm):
         nodal = NodalElements.from_mesh(iron.mesh, iron.topology)
         super().__init__(iron, FluxElements.from_mesh(nodal, iron.topology))
 
-    def _linear_system(
-        self,
-        stiffness: csr_matrix,
-        material: Magnetisation,
-        right: Array,
-        tolerance: float,
-        rough: bool = False,
-    ) -> tuple[Array, list[Array]]:
+    def _drive(self, tangent: csr_matrix, material: Magnetisation) -> Callable[[Array], Array]:
+        none = np.zeros(self.elements.count)
+
+        def drive(values: Array) -> Array:
+            fields = self.elements.nodal.point_gradients(-values)
+            return np.column_stack([self._residual(none, one[None], 0, material) for one in fields])
+
+        return drive
+
+    def _linear_solver(
+        self, stiffness: csr_matrix, material: Magnetisation, tolerance: float, rough: bool = False
+    ) -> Callable[[Array], tuple[Array, list[Array]]]:
         slope = material.tables.coefficients[material.tables.offset[material.law], 2]
         if slope.min() >= 1:
-            return super()._linear_system(stiffness, material, right, tolerance, rough)
+            return super()._linear_solver(stiffness, material, tolerance, rough)
         faces, unknowns = self.iron.topology, np.zeros(self.elements.count, np.int64)
         unknowns[self.elements.unknowns] = faces.group_of_tet[:, None]
         below = slope[faces.owner[faces.surface, 0]]
         system = SurfaceFluxSystem(stiffness, self, unknowns, 1 / below)
-        return system.solve(right, tolerance, _MAX_STEPS_OF_WEAK_BODIES)
+        return lambda right: system.solve(right, tolerance, _MAX_STEPS_OF_WEAK_BODIES)

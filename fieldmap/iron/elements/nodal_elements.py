@@ -95,6 +95,11 @@ class NodalElements(Elements):
         return len(self.points) + len(self.edges)
 
     @property
+    def node_points(self) -> Array:
+        """Positions (n, 3) of the nodes, m."""
+        return np.concatenate([self.points, self.points[self.edges].mean(axis=1)])
+
+    @property
     def unknowns(self) -> Index:
         """Numbers (e, 10) of the elements' unknowns: their nodes."""
         return self.nodes

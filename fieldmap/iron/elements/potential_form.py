@@ -40,7 +40,7 @@ g / h; where they are as narrow as the gap they are air.
 Flux linkage and co-energy of the iron follow from the fields inside it: docs/theory/forces.md (4), (5).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -49,7 +49,7 @@ from scipy.sparse import csr_matrix, diags
 
 from fieldmap.constants import MU0
 from fieldmap.iron.elements.bh_law import Magnetisation, straight_laws
-from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
+from fieldmap.iron.elements.nodal_elements import CoilField, FieldOfPoints, NodalElements
 from fieldmap.iron.elements.state import (
     ElementField,
     IronState,
@@ -143,6 +143,10 @@ _MAX_NEWTON_STEPS = 40
 _ROUGH = 1e-3
 
 
+Magnetised = Callable[[FieldOfPoints], Array]
+"""Charge densities (c, s), T, of the iron's faces in fields -grad u, by a function u(points (n, 3)) -> (c, n), T m."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class PotentialState(Record):
     """Nodal potential (n, c), largest mu0 H (c, e) of every element, and the iron's charges and flux densities."""
@@ -174,18 +178,32 @@ class ConvexForm:
         self._capacity = mass * (capacity / mass.sum())
         self._apart = SeparatedFaces.of(iron.mesh) if iron.mesh.drawn_sheets else None
 
-    def solve_linear(
-        self, material: Magnetisation, field: Any, tolerance: float, rough: bool = False
-    ) -> PotentialState:
-        """All sources at once, for laws that are straight lines. rough: the air to three digits, symmetric all the
-        same. Raises NotConverged."""
+    def solve_linear(self, material: Magnetisation, field: Any, tolerance: float) -> PotentialState:
+        """All sources at once, for laws that are straight lines. Raises NotConverged."""
         zero = np.zeros(self.elements.count)
         stiffness = self.tangent(zero, field, material)
         sources = range(len(material.remanence))
         right = np.column_stack([self._residual(zero, field, c, material) for c in sources])
-        potential, history = self._linear_system(stiffness, material, right, tolerance, rough)
+        potential, history = self._linear_solver(stiffness, material, tolerance)(right)
         residuals = require_convergence(type(self).__name__, history, tolerance)
         return self._state(potential, field, material, residuals)
+
+    def magnetised(self, tangent: csr_matrix, material: Magnetisation, tolerance: float) -> Magnetised:
+        """How a state with this tangent answers small fields that have a potential. The air to three digits, symmetric
+        all the same. Raises NotConverged when it is called."""
+        solver = self._linear_solver(tangent, material, tolerance, rough=True)
+        drive = self._drive(tangent, material)
+
+        def charges(applied: FieldOfPoints) -> Array:
+            potential, history = solver(drive(applied(self.elements.node_points).T))
+            require_convergence(type(self).__name__, history, tolerance)
+            return self.charge_density(potential, 1)
+
+        return charges
+
+    def _drive(self, tangent: csr_matrix, material: Magnetisation) -> Callable[[Array], Array]:
+        """From nodal values (k, c) of the potentials of fields to the residuals (n, c) that they make."""
+        raise NotImplementedError
 
     def solve(
         self, material: Magnetisation, field: Any, tolerance: float, start: Array | None = None
@@ -231,15 +249,10 @@ class ConvexForm:
         require_convergence("Newton", tuple(residuals), tolerance)
         raise AssertionError("unreachable")
 
-    def _linear_system(
-        self,
-        stiffness: csr_matrix,
-        material: Magnetisation,
-        right: Array,
-        tolerance: float,
-        rough: bool = False,
-    ) -> tuple[Array, list[Array]]:
-        """Solve (stiffness + S) x = right (n, c); the residuals (c,) of all steps. rough: S to three digits."""
+    def _linear_solver(
+        self, stiffness: csr_matrix, material: Magnetisation, tolerance: float, rough: bool = False
+    ) -> Callable[[Array], tuple[Array, list[Array]]]:
+        """Solves (stiffness + S) x = right (n, c); with the residuals (c,) of all steps. rough: S to three digits."""
         factor = self._factor(self._sums.entries_of(stiffness))
         exact = tolerance < _ROUGH and not rough
         air = self.exterior.apply if exact else self.exterior.apply_roughly
@@ -247,7 +260,7 @@ class ConvexForm:
         def operator(x: Array) -> Array:
             return factor.solve(stiffness @ x + air(x))
 
-        return block_gmres(operator, factor.solve(right), tolerance, _MAX_LINEAR_STEPS)
+        return lambda right: block_gmres(operator, factor.solve(right), tolerance, _MAX_LINEAR_STEPS)
 
     def tangent(self, potential: Array, field: Any, material: Magnetisation) -> csr_matrix:
         """The iron's tangent stiffness (n, n) at a potential (n,) in one source, without the air."""
@@ -271,9 +284,10 @@ class ConvexForm:
         with_air[self._sums.diagonal] += self._capacity
         return self._sums.factor(with_air)
 
-    def charge_density(self, potential: Array) -> Array:
+    def charge_density(self, potential: Array, refinements: int = 2) -> Array:
         """Charge (c, s) per area of the surface faces, T, for potentials (n, c)."""
-        return np.ascontiguousarray((self.exterior.charge(potential) / self.iron.surface.areas[:, None]).T)
+        charge = self.exterior.charge(potential, refinements)
+        return np.ascontiguousarray((charge / self.iron.surface.areas[:, None]).T)
 
     def by_charge_density(self, weights: Array) -> Array:
         """Derivatives (n, k) by the potential of sums of `charge_density` with weights (k, s)."""
@@ -290,7 +304,7 @@ class ConvexForm:
     def _solve_linear_system(
         self, stiffness: csr_matrix, material: Magnetisation, right: Array, tolerance: float
     ) -> Array:
-        solved, history = self._linear_system(stiffness, material, right, tolerance)
+        solved, history = self._linear_solver(stiffness, material, tolerance)(right)
         require_convergence("tangent of the potential form", history, tolerance)
         return solved
 
@@ -359,6 +373,12 @@ class PotentialForm(ConvexForm):
 
     def __init__(self, iron: AssembledIron) -> None:
         super().__init__(iron, NodalElements.from_mesh(iron.mesh, iron.topology))
+
+    def _drive(self, tangent: csr_matrix, material: Magnetisation) -> Callable[[Array], Array]:
+        # A field -grad u drives by int (db/dh - 1) (-grad u) . grad v: nodal values of u say all of it.
+        none = np.zeros(self.elements.count)
+        less = self.tangent(none, self.elements.no_field(), vacuum(self.iron)) - tangent
+        return lambda values: less @ values
 
     def sensitivities(
         self, potential: Array, field: CoilField, material: Magnetisation, change: CoilField, tolerance: float

@@ -23,10 +23,10 @@ from fieldmap.device.model import Device
 from fieldmap.errors import NotConverged
 from fieldmap.field import Bounds, Currents, coil_currents
 from fieldmap.iron.elements.bh_law import Magnetisation
-from fieldmap.iron.elements.potential_form import ConvexForm, PotentialForm
+from fieldmap.iron.elements.potential_form import ConvexForm, Magnetised, PotentialForm
 from fieldmap.iron.geometry.checks import geometry_notes
 from fieldmap.iron.materials import materials_on
-from fieldmap.iron.reaction import DipoleAnswers, ReactionFields, Solve, answers_to_sensors, reaction_fields
+from fieldmap.iron.reaction import DipoleAnswers, ReactionFields, answers_to_sensors, reaction_fields
 from fieldmap.iron.report import report_of
 from fieldmap.iron.solution import PotentialSolution
 from fieldmap.iron.solvers.linear import check_arguments, images_of
@@ -340,10 +340,11 @@ class HysteresisSolver(MeshedDevice):
 
     def answers_to_sensors(self) -> DipoleAnswers | None:
         """As `NonlinearSolver.answers_to_sensors`, of iron that was never magnetised, by the anhysteretic law."""
-        return answers_to_sensors(self._untouched, self.surface, self.device.sensors)
+        sensors = self.device.sensors
+        return answers_to_sensors(self._untouched, self.surface, sensors) if sensors else None
 
     @property
-    def _untouched(self) -> Solve:
+    def _untouched(self) -> Magnetised:
         return self.magnetised_at(np.zeros(len(self.device.coils)), np.zeros(self._form.elements.count))
 
     def project(self, basis: Array, air: Array | None = None) -> GalerkinModel:

@@ -12,8 +12,7 @@ from fieldmap.device.model import Device
 from fieldmap.errors import InputError, Problem
 from fieldmap.iron.elements.bh_law import Magnetisation, straight_laws
 from fieldmap.iron.elements.flux_form import FluxForm
-from fieldmap.iron.elements.nodal_elements import FieldOfPoints
-from fieldmap.iron.elements.potential_form import ConvexForm, PotentialForm, linkage_and_coenergy
+from fieldmap.iron.elements.potential_form import ConvexForm, Magnetised, PotentialForm, linkage_and_coenergy
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.materials import BodyProperties, background_notes, body_properties
 from fieldmap.iron.mesh.mesh import generate_mesh
@@ -24,7 +23,6 @@ from fieldmap.iron.reaction import (
     DipoleAnswers,
     Image,
     ReactionFields,
-    Solve,
     answers_to_sensors,
     reaction_fields,
 )
@@ -159,26 +157,22 @@ def solve_linear_and_reaction(
     reaction = None
     if box is not None:
         stages.next("reaction of the iron to magnets in the workspace", 0.9)
-        alike = _magnetised(problem, properties, TOLERANCE, rough=True)
+        alike = _magnetised(problem, properties)
         reaction = reaction_fields(alike, iron.surface, box, images=images_of(iron))
-    finely = _magnetised(problem, properties, tolerance * _RESIDUAL_PER_TOLERANCE)
-    answers = answers_to_sensors(finely, iron.surface, device.sensors)
+    answers = None
+    if device.sensors:
+        answers = answers_to_sensors(_magnetised(problem, properties), iron.surface, device.sensors)
     stages.done()
     return solution, reaction, answers
 
 
-def _magnetised(
-    problem: ConvexForm, properties: BodyProperties, tolerance: float, rough: bool = False
-) -> Solve:
-    """The charge densities of this iron in given fields. rough: as for `ConvexForm.solve_linear`."""
-    elements, body = problem.elements, problem.iron.mesh.body
+def _magnetised(problem: ConvexForm, properties: BodyProperties) -> Magnetised:
+    """The charge densities of this iron in given fields."""
+    body = problem.iron.mesh.body
     laws = straight_laws(properties.on(problem.iron.mesh).mu_r)
-
-    def solve(field: FieldOfPoints, count: int) -> Array:
-        material = Magnetisation(body, laws, np.zeros((count, len(body), 3)))
-        return problem.solve_linear(material, elements.coil_field(field), tolerance, rough).iron.density
-
-    return solve
+    material = Magnetisation(body, laws, np.zeros((1, len(body), 3)))
+    tangent = problem.tangent(np.zeros(problem.elements.count), problem.elements.no_field(), material)
+    return problem.magnetised(tangent, material, TOLERANCE)
 
 
 def images_of(iron: AssembledIron) -> list[Image]:

@@ -8,14 +8,14 @@ import numpy as np
 
 from fieldmap.device.model import Device
 from fieldmap.iron.elements.bh_law import Magnetisation, law_tables
-from fieldmap.iron.elements.nodal_elements import CoilField, FieldOfPoints
-from fieldmap.iron.elements.potential_form import PotentialForm
+from fieldmap.iron.elements.nodal_elements import CoilField
+from fieldmap.iron.elements.potential_form import Magnetised, PotentialForm
 from fieldmap.iron.geometry.checks import check_geometry
 from fieldmap.iron.materials import materials_on, require_soft_bodies
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import assemble
-from fieldmap.iron.reaction import TOLERANCE, Solve
+from fieldmap.iron.reaction import TOLERANCE
 from fieldmap.iron.report import Progress, Stages
 from fieldmap.iron.solvers.reduced import GalerkinModel, project
 from fieldmap.typing import Array
@@ -121,7 +121,7 @@ class MeshedDevice:
         own = self._unit.combined(currents[None])
         return own if self._background is None else own + self._background
 
-    def magnetised_at(self, currents: Array, potential: Array, tolerance: float = TOLERANCE) -> Solve:
+    def magnetised_at(self, currents: Array, potential: Array) -> Magnetised:
         """How a state's charges change with small fields of other sources.
 
         Parameters
@@ -130,23 +130,14 @@ class MeshedDevice:
             (c,), A.
         potential
             Nodal potential (n,) of the state.
-        tolerance
-            Of the linear solve with the tangent of the state.
 
         Returns
         -------
-        Solve
-            A function of a field and the number of its sources, as `fieldmap.iron.reaction` takes it.
+        Magnetised
+            As `fieldmap.iron.reaction` takes it.
         """
-        of_state = self.coil_field(currents)
-
-        def solve(field: FieldOfPoints, count: int) -> Array:
-            change = self._form.elements.coil_field(field)
-            return self.charge_density(
-                self._form.sensitivities(potential, of_state, self._material, change, tolerance)
-            )
-
-        return solve
+        tangent = self._form.tangent(potential, self.coil_field(currents), self._material)
+        return self._form.magnetised(tangent, self._material, TOLERANCE)
 
     def _energy_operator(
         self, currents: Array, potential: Array, material: Magnetisation

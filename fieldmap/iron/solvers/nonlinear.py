@@ -25,6 +25,7 @@ from fieldmap.iron.elements.flux_form import FluxForm
 from fieldmap.iron.elements.nodal_elements import CoilField, NodalElements
 from fieldmap.iron.elements.potential_form import (
     Magnetisation,
+    Magnetised,
     PotentialForm,
     PotentialState,
     iron_differential_inductance,
@@ -36,7 +37,7 @@ from fieldmap.iron.geometry.checks import geometry_notes
 from fieldmap.iron.materials import material_assumptions
 from fieldmap.iron.mesh.chamber import MeshSymmetry
 from fieldmap.iron.mesh.mesh import checked_points, refuse_inside
-from fieldmap.iron.reaction import DipoleAnswers, ReactionFields, Solve, answers_to_sensors, reaction_fields
+from fieldmap.iron.reaction import DipoleAnswers, ReactionFields, answers_to_sensors, reaction_fields
 from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
 from fieldmap.iron.sensitivity.adjoint import IronProblem, Origin
 from fieldmap.iron.solution import NonlinearSolution
@@ -515,10 +516,12 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
     def answers_to_sensors(self) -> DipoleAnswers | None:
         """The answers of the iron, linearised about the state without currents, to dipoles in the places of the
         device's sensors: `fieldmap.iron.reaction.answers_to_sensors`."""
+        if not self.device.sensors:
+            return None
         about = self._magnetised_about(np.zeros(len(self.coil_names)))
         return answers_to_sensors(about, self.surface, self.device.sensors)
 
-    def _magnetised_about(self, currents: Array) -> Solve:
+    def _magnetised_about(self, currents: Array) -> Magnetised:
         return self.magnetised_at(currents, self.at(currents).state.potential[:, 0])
 
     def differential_inductance(self, state: NonlinearSolution, tolerance: float = 1e-8) -> Array:
