@@ -30,13 +30,13 @@ _WITHOUT_MARGINS, _UNSTABLE = -1e3, -1e6
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TunedPID(Record):
-    """pid: the controller; margins: what its loop has; poles: of the closed loop, in q, all within the unit circle;
-    share: the least of the margins over what was asked for (gains by their logarithms): 1 or more where all were had.
+    """pid: the controller; margins: those of its loop; largest_pole: of the closed loop, by its size, below 1; share:
+    the least of the margins over what was asked for (gains by their logarithms), 1 or more where all were had.
     """
 
     pid: PID
     margins: Margins
-    poles: NDArray[Any]
+    largest_pole: float
     share: float
 
 
@@ -189,15 +189,15 @@ class _Search:
             gain, integral, derivative = (float(number) for number in numbers)
             rules: Any = {"integration": self.integration, "acts_on_minus_error": gain < 0.0}
             pid = PID(abs(gain), integral, derivative, self.Ts, Tf=derivative / self.N, c=0.0, **rules)
-            found.append(TunedPID(pid, Margins("", *of.tolist()), self.poles(pid), float(share)))
+            found.append(TunedPID(pid, Margins("", *of.tolist()), self.largest_pole(pid), float(share)))
         return found
 
-    def poles(self, pid: PID) -> NDArray[Any]:
-        """Of the closed loop, in q."""
+    def largest_pole(self, pid: PID) -> float:
+        """Of the closed loop, in q, by its size."""
         (A, B, C), k = self.plant, pid_block(pid, ALONE)
         listen = k.D[0, 3] * np.outer(B, C)
         loop = np.block([[A + listen, np.outer(B, k.C[0])], [np.outer(k.B[:, 3], C), k.A]])
-        return np.asarray(scipy.linalg.eigvals(loop))
+        return float(np.abs(scipy.linalg.eigvals(loop)).max())
 
     def best(self) -> TunedPID | None:
         """The loop of most merit, by differential evolution; None if none was found that is stable."""
@@ -240,9 +240,8 @@ class _Search:
 
 
 def _merit(tuned: TunedPID) -> float:
-    largest = float(np.abs(tuned.poles).max())
-    if largest >= 1.0:
-        return _UNSTABLE * largest
+    if tuned.largest_pole >= 1.0:
+        return _UNSTABLE * tuned.largest_pole
     if tuned.share < 1.0:
         return _WITHOUT_MARGINS + tuned.share
     return float(np.log(tuned.pid.Kc / tuned.pid.Ti))

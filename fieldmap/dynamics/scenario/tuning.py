@@ -111,11 +111,10 @@ def tune_axes(
             at = AtKey(f"control.{axis}", problem.must_hold, problem.received, problem.remedy)
             with read.document.placing():
                 raise Infeasible(at, reachable=error.reachable) from error
-        limits = {
-            name: getattr(getattr(read.contents.control, axis), name, None) for name in ("lower", "upper")
-        }
+        stated = getattr(read.contents.control, axis)
+        limits = {name: getattr(stated, name, None) for name in ("lower", "upper")}
         given[f"control.{axis}"] = _keys(axis, found[axis]) | {
-            k: v for k, v in limits.items() if v is not None
+            name: limit for name, limit in limits.items() if limit is not None
         }
     (point,) = linear_points(prepare(read_scenario(scenario, given), field_map, device))
     return Tuning(found, given, point)
