@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from fieldmap.currents import CurrentDomain, IndependentCurrents, LiftAndDirections, parametrisation_from_json
+from fieldmap.currents import (
+    CoilGroups,
+    CurrentDomain,
+    IndependentCurrents,
+    LiftAndDirections,
+    parametrisation_from_json,
+)
 from fieldmap.maps.training.cubature import Cubature, candidates, nonnegative_path
 from fieldmap.maps.training.currents import (
     at_rest,
@@ -246,6 +252,10 @@ def test_extremes_of_two_signals_one_by_one():
 
 def test_steps_of_tangents_are_an_eighth_of_the_ranges():
     np.testing.assert_allclose(reaches(UNEVEN, np.array([0.0, 3.0])), [[0.5, 0.0], [0.0, 0.25]], atol=1e-15)
+    np.testing.assert_array_equal(reaches(UNEVEN, np.zeros(2), True), reaches(UNEVEN, np.zeros(2)))
+    groups = CurrentDomain(CoilGroups([[0, 2], [1]]), np.array([-1.0, 0.0]), np.array([3.0, 2.0]))
+    wanted = [[0.5, 0.0, 0.375, 0.0, 0.0], [0.0, 0.25, 0.0, 0.25, 0.0], [0.5, 0.0, 0.0, 0.0, 0.375]]
+    np.testing.assert_allclose(reaches(groups, np.zeros(2), True), wanted, atol=1e-15)
 
 
 def test_states_of_the_sequence_are_denser_towards_the_faces():

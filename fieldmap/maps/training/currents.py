@@ -83,9 +83,14 @@ def held_out(domain: CurrentDomain, count: int) -> Array:
     return domain.at(np.random.default_rng(_HELD_OUT_SEED).random((count, d)))
 
 
-def reaches(domain: CurrentDomain, signals: Array) -> Array:
-    """Changes (c, d) of the currents when each of the signals (d,) changes by `REACH` of its range."""
-    return domain.parametrisation.derivative(signals) * (REACH * (domain.upper - domain.lower))
+def reaches(domain: CurrentDomain, signals: Array, of_coils: bool = False) -> Array:
+    """Changes (c, d) of the currents when each of the signals (d,) changes by `REACH` of its range. of_coils: behind
+    them (c, c), by as much of the largest current of each coil, where fewer signals set the currents."""
+    of = domain.parametrisation
+    by_signals = of.derivative(signals) * (REACH * (domain.upper - domain.lower))
+    if not of_coils or of.signal_count == of.coil_count:
+        return np.asarray(by_signals)
+    return np.concatenate([by_signals, REACH * np.diag(domain.largest)], axis=1)
 
 
 def extreme_signals(domain: CurrentDomain) -> Array:

@@ -46,7 +46,7 @@ class Plan(Record):
         bool,
         Key(
             bool,
-            "whether inductances are as accurate as fields; a change of currents then takes about twice as long",
+            "whether inductances are accurate as well; a change of currents then takes about four times as long",
         ),
     ] = False
     tolerance: float = 1e-3

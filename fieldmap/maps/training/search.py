@@ -93,7 +93,7 @@ def try_extremes(training: Training) -> tuple[Reduction, Snapshots, ExtremesTrie
     domain, accuracy, before = training.domain, training.plan.accuracy, training.known.solved
     signals = extreme_signals(domain)
     currents = domain.parametrisation.currents(signals)
-    directions = [reaches(domain, values) for values in signals]
+    directions = [reaches(domain, values, training.plan.inductance) for values in signals]
     different = training.different(currents, range(len(currents)))
     few, count = len(different) <= _FEW_EXTREMES, 0
 
@@ -254,5 +254,5 @@ def _solve_found(
     currents = domain.at(shares)
     chosen = training.unknown(currents, training.different(currents, range(len(currents))))[:most]
     signals = domain.parametrisation.within(domain.lower, domain.upper, shares)
-    directions = [reaches(domain, values) for values in signals]
+    directions = [reaches(domain, values, training.plan.inductance) for values in signals]
     return training.solve_tried(reduction.potential, currents, first, text, None, directions, chosen)

@@ -129,7 +129,8 @@ class Training:
         if self.known.solved and (self._off or currents[0].any()):
             first, span = self.known.state(0), self.domain.upper - self.domain.lower
             steps = (signals[1 : self.taken] - signals[0]) / (REACH * span)
-            starts = [np.asarray(first.potential + first.tangents @ step) for step in steps]
+            along = first.tangents[:, : len(span)]
+            starts = [np.asarray(first.potential + along @ step) for step in steps]
         self.solve(range(1, self.taken), starts, needed)
 
     def solve(self, numbers: range, starts: Sequence[Array | None], needed: int) -> list[Solved | None]:
@@ -162,7 +163,7 @@ class Training:
             expect_points(forecast, points, self.most_modes, needed * (1 + len(images)))
 
         wanted = [
-            Wanted(k, self.currents[k], start, reaches(self.domain, self._signals[k]))
+            Wanted(k, self.currents[k], start, reaches(self.domain, self._signals[k], self.plan.inductance))
             for k, start in zip(numbers, starts, strict=True)
         ]
         found = self.states.solve(wanted, self.tolerance, tell)

@@ -27,7 +27,7 @@ class Solved(Record):
     Attributes
     ----------
     potential : (n,), nodal potential.
-    tangents : (n, d), its derivatives by the signals times the steps of `reaches`.
+    tangents : (n, d), its derivatives along the steps of `reaches`.
     air : (n, 1 + d), the air operator S times the potential and the tangents.
 
     A state that the model is not trained on has no tangents: then the last two are empty.
