@@ -1023,6 +1023,9 @@ class FieldMap(Field, own_shapes=ONE_POINT):
     ) -> Array:
         """Currents of least power, sum(resistance currents^2), that give what is asked for at a position.
 
+        In a place of symmetry a machine may meet more components than it has coils. Those that no currents meet to
+        1e-4 of the largest of their unit are refused.
+
         Where iron saturates, in the map or in a body, this is no linear problem, and a search finds a local optimum,
         within 500 evaluations of the field. In a map over a current parametrisation the currents are those of its
         signals, within its domain; they are of least power where each coil follows one signal.

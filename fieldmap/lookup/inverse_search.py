@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fieldmap.core.least_power import BEYOND_LIMITS, FOUND, NO_END, OUT_OF_RANGE
 from fieldmap.errors import FieldmapError, Infeasible, NotConverged
+from fieldmap.lookup.demand import Demand
 from fieldmap.lookup.inverse_problem import Goal, Variables
 from fieldmap.typing import Array
 
@@ -21,6 +22,10 @@ _FAINT = 1e-6  # a row is judged by no less than this share of what it would be 
 _ROUNDING_OF_MODELS = 1e-12
 _HALVINGS = 50
 _NO_SHARE = 1e-9
+# Of components of one unit, the share of the largest that no currents need meet, and the share of the strongest
+# combination of components below which currents command none. In a place of symmetry more may be asked for than there
+# are coils, and the mesh of the iron is less symmetric than its machine.
+_NEARLY, _COMMANDED = 1e-4, 1e-3
 _MOST_STEPS, _MOST_CHANGES = 100, 10
 MOST_EVALUATIONS = 500
 """Of the field at new values, in all searches of one call: the last one begun ends there."""
@@ -37,9 +42,31 @@ def linear_currents(goal: Goal) -> Array:
     # A demand that the constant meets by itself asks for no currents, not for those of rounding.
     wanted[np.abs(wanted) <= _ROUNDING * np.abs(constant)] = 0.0
     status, found, active = goal.variables.least_power(matrix, wanted)
+    if status == OUT_OF_RANGE:
+        nearly = _nearly(goal, matrix, wanted)
+        if nearly is not None:
+            return nearly
     if status != FOUND:
         raise _refusal(goal, status, active, matrix, constant)
     return found
+
+
+def _of_unit(demand: Demand, sizes: Array) -> Array:
+    """For each component (r,) the largest of the sizes (r,) of those of its unit."""
+    units = np.array([name[0] for name in demand.names])
+    return np.array([sizes[units == unit].max() for unit in units])
+
+
+def _nearly(goal: Goal, matrix: Array, wanted: Array) -> Array | None:
+    """Least-power variables (n,) that give nearly what is wanted (r,), which none give exactly; None where none do."""
+    sizes = _of_unit(goal.demand, np.abs(goal.demand.values))
+    length = _of_unit(goal.demand, np.linalg.norm(matrix, axis=1))
+    length[length == 0.0] = 1.0
+    left, strength, _ = np.linalg.svd(matrix / length[:, None], full_matrices=False)
+    rows = left[:, strength > _COMMANDED * strength[0]].T / length
+    status, found, _ = goal.variables.least_power(np.ascontiguousarray(rows @ matrix), rows @ wanted)
+    off = np.abs(matrix @ found - wanted)
+    return found if status == FOUND and (off <= _NEARLY * sizes).all() else None
 
 
 def _refusal(
@@ -195,6 +222,11 @@ class Search:
             status, found, active = self.variables.least_power(slope, here + share * missing)
             if status == FOUND:
                 return found, (1.0 - share) * off
+            nearly = _nearly(self.goal, slope, here + missing) if status == OUT_OF_RANGE else None
+            if nearly is not None:
+                # What is left of a component is judged by the largest of its unit from here on.
+                self.met, self.size = max(self.met, _NEARLY), _of_unit(self.demand, self.size)
+                return nearly, 0.0
             if status != BEYOND_LIMITS:
                 raise _refusal(self.goal, status, active, slope, given)
             share *= 0.5
