@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     import xarray
 
     from fieldmap.device.drawing import Outline
+    from fieldmap.device.payload import Payload
 
 
 def _usual_level(model: CurrentModel) -> Array:
@@ -180,6 +181,14 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         """The current parametrisation for which a map of saturating iron was made; None for any other map."""
         reduced = self._info.reduced_model
         return None if reduced is None else reduced.domain.parametrisation
+
+    @property
+    def payload(self) -> Payload | None:
+        """The payload of the device that the map was made of, as its file states it; None where it states none."""
+        from fieldmap.device.reader import recorded_device
+
+        text = self._info.provenance.device_text
+        return recorded_device(text).payload if text else None
 
     @property
     def kind(self) -> str:
