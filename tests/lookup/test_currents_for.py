@@ -493,3 +493,45 @@ def test_a_mesh_that_is_less_symmetric_than_its_machine_is_no_reason_to_refuse(c
         currents_for(Tilted(5e-4, curved), **ask)
     with pytest.raises(Infeasible):
         currents_for(Tilted(0.0, curved), **(ask | {"force": [1e-3, 0.0, 0.6]}))
+
+
+class Tilted(Field):
+    """One coil over a magnet on its axis, whose iron pulls a little to the side; curved: where the iron saturates."""
+
+    coil_names = ("a",)
+
+    def __init__(self, aside, curved):
+        self.aside, self.curved = aside, curved
+        self.slope = np.array([[-0.5, 0.0, aside], [0.0, -0.5, 0.0], [aside, 0.0, 1.0]])
+
+    @property
+    def affine(self):
+        return not self.curved
+
+    proportional = affine
+
+    def field(self, points, currents):
+        drive = np.asarray(currents, float)[..., 0]
+        return (drive - 0.1 * self.curved * drive**3) * (np.asarray(points) @ self.slope.T)
+
+    def gradient(self, points, currents):
+        drive = np.asarray(currents, float)[..., 0]
+        return (drive - 0.1 * self.curved * drive**3) * np.broadcast_to(self.slope, (len(points), 3, 3))
+
+    def by_currents(self, points, currents):
+        b, g = self.field(points, currents), self.gradient(points, currents)
+        rise = 1.0 - 0.3 * self.curved * np.asarray(currents, float)[0] ** 2
+        unit = points @ self.slope.T, np.broadcast_to(self.slope, (len(points), 3, 3))
+        return b, g, rise * unit[0][:, None], rise * unit[1][:, None]
+
+
+@pytest.mark.parametrize("curved", [False, True])
+def test_a_mesh_that_is_less_symmetric_than_its_machine_is_no_reason_to_refuse(curved):
+    """One current for three components: a force along the axis, up to what the mesh draws to the side."""
+    ask = {"position": np.zeros(3), "force": [0.0, 0.0, 0.6], "moment": [0.0, 0.0, 1.0], "limits": 1.5}
+    (current,) = currents_for(Tilted(5e-5, curved), **ask)
+    assert current - 0.1 * curved * current**3 == pytest.approx(0.6, rel=1e-4)
+    with pytest.raises(Infeasible):
+        currents_for(Tilted(5e-4, curved), **ask)
+    with pytest.raises(Infeasible):
+        currents_for(Tilted(0.0, curved), **(ask | {"force": [1e-3, 0.0, 0.6]}))
