@@ -106,6 +106,7 @@ COMMANDS: dict[str, Entry] = {
     "currents": Entry(answers.currents, MAGNETS, "The least currents for a force or a field at a point."),
     "simulate": Entry(scenario.simulate, MAGNETS, "Run a closed loop from a scenario file."),
     "linearise": Entry(scenario.linearise, MAGNETS, "Poles, coupling and margins by height."),
+    "tune": Entry(scenario.tune, MAGNETS, "PID controllers of a scenario's axes, by margins."),
     "identify": Entry(identify.identify, MAGNETS, "A model with its errors from a log of a rig."),
     "study": Entry(studies.study, STUDIES, "A device with some keys varied."),
     "optimise": Entry(studies.optimise, STUDIES, "The best values of keys, within limits."),

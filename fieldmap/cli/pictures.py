@@ -19,10 +19,12 @@ if TYPE_CHECKING:
     from fieldmap.plot.shown import Shown
 
 PAGE_WINDOW = (900, 700)
+CURVES = "curves"
+"""What is drawn of runs over time."""
 
 
 def show(
-    source: Annotated[str, options.file_argument("DEVICE_OR_MAP_OR_RUN", "geometry")],
+    sources: Annotated[list[str], options.file_argument("DEVICE_OR_MAP_OR_RUN", "geometry")],
     what: Annotated[str, option("--what", "NAME")] = "",
     currents: options.Currents = None,
     quantity: Annotated[str, option("--quantity", "NAME")] = "",
@@ -31,7 +33,9 @@ def show(
     at_mm: options.AtMm = None,
     limit: options.Limit = None,
     save: Annotated[
-        Path | None, options.SAVE, options.writes("picture", "web page", "ParaView scene", "film")
+        Path | None,
+        options.SAVE,
+        options.writes("picture", "web page", "ParaView scene", "film", "figure"),
     ] = None,
     changes: options.Changes = None,
     mu_r: options.MuR = None,
@@ -41,19 +45,20 @@ def show(
 ) -> None:
     """Draw a device, its iron, its field, or a simulated run; a window opens unless --save names a file.
 
-    The file is .png, .html (for a browser, no server) or .vtm (ParaView); for a run also .gif or .mp4. Without
-    --currents every coil carries 1 A. For shift, --height-mm is where the magnet is held, by default where it floats.
+    The file is .png, .html (for a browser, no server) or .vtm (ParaView); for a run also .gif or .mp4. Several files of
+    runs are laid over one another, with a legend of their names (.png, .svg, .pdf). Without --currents every coil
+    carries 1 A. For shift, --height-mm is where the magnet is held, by default where it floats.
     For reachable, --at-mm is the point, by default the middle of the workspace.
 
     Example: fieldmap show drive_unit --what iron --currents 1.5 --save iron.png
 
     Parameters
     ----------
-    source
-        Device file or name, map file, or a run that `fieldmap simulate -o RUN.h5` wrote.
+    sources
+        Device file or name, map file, or one or several files that `fieldmap simulate -o RUN.h5` wrote.
     what
         What to draw: device, mesh, iron, lines, slices, surfaces, forces, equilibrium, difference, shift or reachable;
-        path for a run.
+        path or curves for a run, curves for several.
     quantity
         For slices, surfaces and difference: B, Bz or gradB. For shift: x or y. For reachable: force or B.
     minus
@@ -64,6 +69,11 @@ def show(
     from fieldmap.plot.scenes import FORMATS, MOVIES, check_format, check_scene
     from fieldmap.store import is_run_file
 
+    (source, *others) = sources
+    if others or what == CURVES:
+        beside = {"--currents": currents, "--minus": minus, "--quantity": quantity, "--set": changes}
+        _show_curves(sources, what, save, [name for name, there in beside.items() if there], json)
+        return
     of_map = is_map_file(source)
     recorded = of_map and is_run_file(source)
     if save is not None:
@@ -98,6 +108,33 @@ def show(
     if json:
         page.print_json({"source": source, "what": chosen, "saved": save, "ranges": ranges} | shown.to_dict())
     elif save is not None:
+        print(save)
+
+
+def _show_curves(sources: list[str], what: str, save: Path | None, given: list[str], json: bool) -> None:
+    """Draw files of runs over one another. Raises InputError with all that does not fit."""
+    from fieldmap.plot.runs import read_drawn_runs, run_message, save_run_figure
+    from fieldmap.plot.scenes import check_format
+    from fieldmap.store import is_run_file
+
+    must, remedy = "must be a file of runs where there are several", "write it by fieldmap simulate -o RUN.h5"
+    problems = [Problem(each, must, "another file", remedy) for each in sources if not is_run_file(each)]
+    problems += [Problem(name, "must not come with runs", "given", "leave it out") for name in given]
+    if what not in ("", CURVES):
+        problems.append(Problem("--what", f"must be {CURVES} for several runs", what, "leave it out"))
+    if save is None:
+        problems.append(Problem("--save", "must name the file of the curves", "none", "add --save runs.png"))
+    raise_all(problems)
+    assert save is not None
+    check_format(save, (".png", ".svg", ".pdf"))
+    title, runs = read_drawn_runs(sources)
+    save_run_figure(save, title, runs)
+    if json:
+        names = [str(run.get("varied", {})["run"]) for run in runs]
+        page.print_json(
+            {"source": sources, "what": CURVES, "saved": save, "runs": names, "message": run_message(runs)}
+        )
+    else:
         print(save)
 
 

@@ -1,10 +1,11 @@
-"""Machines in closed loop: `fieldmap simulate` runs a scenario, `fieldmap linearise` gives its linear model."""
+"""Machines in closed loop: `fieldmap simulate` runs a scenario, `fieldmap linearise` gives its linear model, and
+`fieldmap tune` its PID controllers."""
 
 from __future__ import annotations
 
 import runpy
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -23,7 +24,7 @@ from fieldmap.shipped import is_file
 
 if TYPE_CHECKING:
     from fieldmap.control import FunctionController
-    from fieldmap.dynamics.scenario import Batch, LaidLog, Linearisation, LinearPoint, Simulation
+    from fieldmap.dynamics.scenario import Batch, LaidLog, Linearisation, LinearPoint, Simulation, Tuning
     from fieldmap.plot.runs import DrawnRun
 
 _EXAMPLE = "control.z.Kc=0.2"
@@ -339,3 +340,82 @@ def _margins(point: LinearPoint) -> Iterator[tuple[str, ...]]:
         # Of a factor that no gain reaches, "inf" is the value.
         gains = (f"{found.gain_up:.3g}", f"{found.gain_down:.3g}")
         yield name, f"{found.phase:.1f}", f"{found.crossover:.3f}", *gains, f"{found.modulus:.3f}"
+
+
+def tune(
+    scenario: options.ScenarioArgument,
+    map_file: options.ScenarioMap = None,
+    axes: Annotated[list[str] | None, option("--axis", "z|x|y")] = None,
+    phase_margin: Annotated[float, option("--phase-margin", "DEG")] = 45.0,
+    gain_margin: Annotated[float, option("--gain-margin", "FACTOR")] = 2.0,
+    modulus: Annotated[float, option("--modulus", "NUMBER")] = 0.4,
+    crossover: Annotated[float | None, option("--crossover", "HZ")] = None,
+    filter_number: Annotated[float, option("--filter", "N")] = 10.0,
+    changes: options.ScenarioChanges = None,
+    json: options.Json = False,
+) -> None:
+    """Tune PID controllers of a scenario's axes on its linear machine, by margins.
+
+    Each axis is tuned alone. The second table has the margins of the whole machine. The lines --set run the scenario
+    with these controllers. Margins that cannot be had, as of an unstable axis that is sampled slowly, are refused with
+    the nearest ones.
+
+    Example: fieldmap tune hold --map square.h5 --crossover 10 --phase-margin 40
+
+    Parameters
+    ----------
+    axes
+        The axis: z (the depth), x or y; may be repeated. Default: all three.
+    phase_margin
+        Degrees.
+    gain_margin
+        Factor by which the gain may grow, and shrink where the axis is unstable.
+    modulus
+        Smallest distance of the loop's curve from -1.
+    crossover
+        Frequency at which the gain of the loop is 1. Default: as fast as the margins allow.
+    filter_number
+        Derivative time over the time constant of its filter.
+    """
+    from fieldmap.dynamics import tune_axes
+
+    opener, device = options.field_of_option(map_file)
+    given = parse_settings(changes, _EXAMPLE)
+    margins = {"phase_margin": phase_margin, "gain_margin": gain_margin, "modulus": modulus}
+    found = tune_axes(
+        scenario,
+        tuple(dict.fromkeys(axes or "zxy")),
+        given,
+        field_map=None if opener is None else opener(),
+        device=device,
+        crossover=crossover,
+        N=filter_number,
+        **margins,
+    )
+    page.print_result(found, partial(_tuned_page, scenario), json)
+
+
+def _tuned_page(scenario: str, found: Tuning) -> Iterator[page.Section]:
+    yield page.heading("PID controllers by margins", scenario)
+    rows = []
+    for axis, tuned in found.axes.items():
+        pid, m = found.changes[f"control.{axis}"], tuned.margins
+        gains = page.cells([pid[name] for name in ("Kc", "Ti_s", "Td_s", "Tf_s")], ".4g")
+        reached = page.cells((m.phase, m.crossover), ".3f")
+        rows.append((axis, *gains, *reached, f"{m.gain_up:.3g}", f"{m.gain_down:.3g}", f"{m.modulus:.3f}"))
+    columns = ("Kc", "Ti s", "Td s", "Tf s", "phase deg", "at Hz", "gain up", "gain down", "modulus")
+    yield page.table(("axis alone", *columns), rows)
+    state = "stable" if found.point.loop.stable else "UNSTABLE"
+    yield page.table((f"all axes, {state}", *columns[4:]), list(_margins(found.point)))
+    yield page.facts(
+        ("--set", f"control.{axis}={_inline(found.changes[f'control.{axis}'])}") for axis in found.axes
+    )
+    yield page.assumed(found.point.linear.assumptions)
+
+
+def _inline(table: Mapping[str, object]) -> str:
+    """An inline table of TOML, of texts and numbers."""
+    pairs = (
+        f'{key}="{value}"' if isinstance(value, str) else f"{key}={value:.6g}" for key, value in table.items()
+    )
+    return f"{{{', '.join(pairs)}}}"

@@ -40,6 +40,7 @@ from fieldmap.control.linear_models import (
     zero_order_hold,
 )
 from fieldmap.control.loop import LinearLoopRun, LoopRun, compensated_reference, simulate_loop
+from fieldmap.control.margins import Margins
 from fieldmap.control.pid import PID, RunningPID, pid_block, pid_transfer_function, run_pid
 from fieldmap.control.plants import (
     LumpedMagnet,
@@ -58,6 +59,7 @@ from fieldmap.control.regulator import (
     run_regulator,
 )
 from fieldmap.control.step_responses import StepMetrics, step_metrics
+from fieldmap.control.tuning import TunedPID, tune_pid
 from fieldmap.core.sampled_loop import LoopInstruments
 from fieldmap.currents import DivisionSignals, divide_currents, division_slopes, undivide_currents
 
@@ -79,12 +81,14 @@ __all__ = [
     "LoopRun",
     "LumpedMagnet",
     "MapPlant",
+    "Margins",
     "Regulator",
     "RunningPID",
     "RunningRegulator",
     "StateSpace",
     "StepMetrics",
     "TransferFunction",
+    "TunedPID",
     "closed_loop",
     "compensated_reference",
     "constant_block",
@@ -112,6 +116,7 @@ __all__ = [
     "step_metrics",
     "to_transfer_function",
     "transfer_function",
+    "tune_pid",
     "undivide_currents",
     "with_output_integral",
     "zero_order_hold",

@@ -125,7 +125,7 @@ def simulate_loop(
     >>> print(round(run.y[0, -1], 3))
     1.0
     """
-    model, (period, block) = _strictly_proper(plant), _block(controller, Ts)
+    model, (period, block) = strictly_proper(plant, "simulate_loop"), _block(controller, Ts)
     where, must = "simulate_loop(reference)", "must be a signal (samples,), one sample or more"
     target = np.atleast_1d(arguments.check_signal(where, reference))
     fits = target.ndim == 1 and target.size > 0
@@ -163,13 +163,13 @@ def _block(controller: PID | Regulator | Controller, given: float | None) -> tup
     return given, controller
 
 
-def _strictly_proper(plant: tuple) -> Plant:
+def strictly_proper(plant: tuple, caller: str) -> Plant:
     """Of one input and one output, whose output does not wait for its input."""
-    where, must = "simulate_loop(plant)", "must be (numerator, denominator) or (A, B, C, D)"
+    where, must = f"{caller}(plant)", "must be (numerator, denominator) or (A, B, C, D)"
     remedy = "see fieldmap.control.transfer_function and StateSpace"
     arguments.check(len(plant) in (2, 4), where, must, f"{len(plant)} parts", remedy)
     model = StateSpace(*plant) if len(plant) == 4 else controller_form(*plant)
-    A, B, C, D = check_model("simulate_loop", model, inputs=1, outputs=1)
+    A, B, C, D = check_model(caller, model, inputs=1, outputs=1)
     remedy = "a sampled plant answers one sample later; take the numerator's degree below the denominator's"
     arguments.check(D[0, 0] == 0.0, where, "must be strictly proper", f"direct gain {D[0, 0]:.4g}", remedy)
     return Plant(*(np.array(part, order="C") for part in (A, B[:, 0], C[0])))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from fieldmap import arguments
 from fieldmap.control.blocks import ALONE, AxisReading, ControllerBlock, RunningBlock, run_block
 from fieldmap.control.linear_models import TransferFunction, transfer_function
-from fieldmap.core.controller import SIGNALS
+from fieldmap.core.controller import SIGNALS, CoreController
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -19,23 +19,25 @@ from fieldmap.typing import Array
 INTEGRATION = {"rectangular": (1.0, 0.0), "trapezoidal": (0.5, 0.5)}
 USUAL_INTEGRATION: Final = "trapezoidal"
 """Rule of the integral in Python and in scenario files unless another one is given."""
-ANTI_WINDUP = ("none", "hold", "track")
-DERIVATIVE = ("error", "measurement")
+ANTI_WINDUP = ("none", "clamping", "back_calculation")
 
 
 @dataclass(frozen=True, repr=False)
 class PID(Record):
-    """A PID controller that runs every Ts seconds: docs/theory/control.md (1), (2).
+    """A PID controller of two degrees of freedom that runs every Ts seconds: docs/theory/control.md (1), (2).
 
-    u[n] = Kc e[n] + (Kc Ts / Ti) s[n] + (Kc Td / Ts) (e[n] - e[n-1]), s the sum of the errors by the rule of the
-    integral, with e = 0 before the first sample.
+    u[n] = Kc (b r[n] - y[n]) + (Kc Ts / Ti) s[n] + D[n], where s is the sum of the errors e = r - y by the rule of the
+    integral and D[n] = Tf / (Tf + Ts) D[n-1] + Kc Td / (Tf + Ts) (d[n] - d[n-1]), d = c r - y. Before the first sample
+    r, y and D are 0.
 
     Kc: gain, output per unit of error. Ti: integral time, s (infinity: no integral part). Td: derivative time, s.
+    Tf: time constant of the filter of the derivative, s; 0 for none. Others write N = Td / Tf, usually 5 to 20.
+    b, c: weights of the set point in the proportional and in the derivative part. c = 0 is the derivative on the
+    measurement, without a kick at a step of the reference.
     integration: "trapezoidal" adds (e[n] + e[n-1]) / 2, as LabVIEW's manual documents it; "rectangular" adds e[n].
-    lower, upper: limits of the output. anti_windup: "none"; "hold" stops the integral while it would drive the output
-    further past a limit; "track" pulls it back with the time constant tracking_time, s (sqrt(Ti Td) unless given; Ti if
-    Td = 0). derivative: of the "error", or of minus the "measurement", without a kick at a step of the reference.
-    acts_on_minus_error: for a plant of negative gain.
+    lower, upper: limits of the output. anti_windup: "none"; "clamping" (conditional integration) stops the integral
+    while it would drive the output further past a limit; "back_calculation" pulls it back with the time constant
+    tracking_time, s (sqrt(Ti Td) unless given; Ti if Td = 0). acts_on_minus_error: for a plant of negative gain.
     """
 
     Kc: float
@@ -47,33 +49,34 @@ class PID(Record):
     integration: str = USUAL_INTEGRATION
     anti_windup: str = "none"
     tracking_time: float | None = None
-    derivative: str = "error"
+    Tf: float = 0.0
     acts_on_minus_error: bool = False
+    b: float = 1.0
+    c: float = 1.0
 
     def __post_init__(self) -> None:
-        _check_gains("PID", self.Kc, self.Ti, self.Td, self.Ts)
+        _check_gains("PID", self.Kc, self.Ti, self.Td, self.Ts, self.Tf)
+        arguments.check_numbers("PID", b=self.b, c=self.c)
         arguments.check_ordered("PID", self.lower, self.upper)
         arguments.check_choice("PID(integration)", self.integration, INTEGRATION)
         arguments.check_choice("PID(anti_windup)", self.anti_windup, ANTI_WINDUP)
-        arguments.check_choice("PID(derivative)", self.derivative, DERIVATIVE)
         if self.tracking_time is not None:
             arguments.check_positive("PID", tracking_time=self.tracking_time)
 
 
-def _check_gains(where: str, Kc: float, Ti: float, Td: float, Ts: float) -> None:
+def _check_gains(where: str, Kc: float, Ti: float, Td: float, Ts: float, Tf: float) -> None:
     """Of these an integral time may be infinite: there is no integral part."""
     arguments.check_numbers(where, Kc=Kc)
     arguments.check_positive(where, Ts=Ts, **({} if Ti == np.inf else {"Ti": Ti}))
-    arguments.check_not_negative(where, Td=Td)
+    arguments.check_not_negative(where, Td=Td, Tf=Tf)
 
 
 def pid_transfer_function(
-    Kc: float, Ti: float, Td: float, Ts: float, *, integration: str = USUAL_INTEGRATION
+    Kc: float, Ti: float, Td: float, Ts: float, *, Tf: float = 0.0, integration: str = USUAL_INTEGRATION
 ) -> TransferFunction:
-    """The sampled PID controller as a transfer function in q: docs/theory/control.md (3).
+    """The sampled PID controller as a transfer function in q, from minus the measurement: docs/theory/control.md (3).
 
-    k1 = Kc (1 + Ts/2Ti + Td/Ts), k2 = Kc (-1 + Ts/2Ti - 2 Td/Ts), k3 = Kc Td/Ts over q^2 - q: the trapezoidal
-    rule for the integral, a backward difference for the derivative.
+    It is that from the error, too, if both weights of the set point are 1.
 
     Parameters
     ----------
@@ -85,8 +88,10 @@ def pid_transfer_function(
         Derivative time, s; may be 0.
     Ts
         Sampling time, s.
+    Tf
+        Time constant of the filter of the derivative, s.
     integration
-        "trapezoidal", or "rectangular", which has Ts/Ti in k1 and nothing in k2.
+        "trapezoidal" or "rectangular".
 
     Returns
     -------
@@ -103,20 +108,22 @@ def pid_transfer_function(
     >>> pid_transfer_function(0.5, 0.007, 0.001, 2e-3).numerator.round(5).tolist()
     [0.82143, -0.92857, 0.25]
     """
-    _check_gains("pid_transfer_function", Kc, Ti, Td, Ts)
+    _check_gains("pid_transfer_function", Kc, Ti, Td, Ts, Tf)
     arguments.check_choice("pid_transfer_function(integration)", integration, INTEGRATION)
+    kept, derivative = Tf / (Tf + Ts), Td / (Tf + Ts)
+    slow = np.array([1.0, -kept])
     if Ti == np.inf:  # the pole at 1 and its zero cancel
-        return transfer_function(Kc * np.array([1.0 + Td / Ts, -Td / Ts]), [1.0, 0.0])
+        return transfer_function(Kc * (slow + derivative * np.array([1.0, -1.0])), slow)
     now, before = INTEGRATION[integration]
-    integral, derivative = Ts / Ti, Td / Ts
-    numerator = [1.0 + now * integral + derivative, -1.0 + before * integral - 2.0 * derivative, derivative]
-    return transfer_function(Kc * np.array(numerator), [1.0, -1.0, 0.0])
+    proportional = np.array([1.0 + now * Ts / Ti, -1.0 + before * Ts / Ti])
+    numerator = np.polymul(proportional, slow) + derivative * np.array([1.0, -2.0, 1.0])
+    return transfer_function(Kc * numerator, np.polymul([1.0, -1.0], slow))
 
 
 def pid_block(
     controller: PID, reading: AxisReading, output: float = 0.0, at: ArrayLike | None = None
 ) -> ControllerBlock:
-    """A PID controller of one axis as a block: docs/theory/control.md (1).
+    """A PID controller of one axis as a block: docs/theory/control.md (1), (2).
 
     Parameters
     ----------
@@ -141,28 +148,36 @@ def pid_block(
     >>> block.D[0, [0, 3]].tolist()
     [2100.0, -2100.0]
     """
-    kp, Ti, Td, Ts = float(controller.Kc), controller.Ti, controller.Td, controller.Ts
-    ki, kd = float(kp * Ts / Ti), float(kp * Td / Ts)
-    sign = -1.0 if controller.acts_on_minus_error else 1.0
-    error = sign * (reading.reference - reading.measured)
-    slope = error if controller.derivative == "error" else -sign * reading.measured
+    Ti, Td, Ts = controller.Ti, controller.Td, controller.Ts
+    proportional, error, slope, kd = _parts(controller, reading)
+    ki, kept = controller.Kc * Ts / Ti, controller.Tf / (controller.Tf + Ts)
     now, before = INTEGRATION[controller.integration]
-    # Memory: integral, previous error, previous value of what is differentiated.
+    # Memory: integral, previous error, what is differentiated after the filter. D of (1) is its distance from it.
     C = np.array([[1.0, ki * before, -kd]])
-    D = ((kp + ki * now) * error + kd * slope)[None]
+    D = (proportional + ki * now * error + kd * slope)[None]
     A, B, E = np.zeros((3, 3)), np.zeros((3, SIGNALS)), np.zeros((3, 1))
-    A[0, :2], B[0], B[1], B[2] = (1.0, ki * before), ki * now * error, error, slope
-    if controller.anti_windup == "track":
+    A[0, :2], A[2, 2] = (1.0, ki * before), kept
+    B[0], B[1], B[2] = ki * now * error, error, (1.0 - kept) * slope
+    if controller.anti_windup == "back_calculation":
         usual = float(np.sqrt(Ti * Td)) if Td else Ti
         share = min(1.0, Ts / (controller.tracking_time or usual))
         A[0], B[0], E[0, 0] = A[0] - share * C[0], B[0] - share * D[0], share
     memory = np.array([output, 0.0, 0.0])
     if at is not None:
         there = arguments.check_signal("pid_block(at)", at, columns=SIGNALS)
-        memory[:] = output - kp * (error @ there), error @ there, slope @ there
-    hold = np.array([0 if controller.anti_windup == "hold" else -1, -1, -1])
+        memory[:] = output - proportional @ there, error @ there, slope @ there
+    hold = np.array([0 if controller.anti_windup == "clamping" else -1, -1, -1])
     limits = np.array([controller.lower]), np.array([controller.upper])
     return ControllerBlock(A, B, C, D, E, *limits, hold, memory)
+
+
+def _parts(controller: PID, reading: AxisReading) -> tuple[Array, Array, Array, float]:
+    """Proportional part, error and what is differentiated, (7,) each, times the signals; factor of the derivative."""
+    sign = -1.0 if controller.acts_on_minus_error else 1.0
+    wanted, measured = sign * reading.reference, sign * reading.measured
+    proportional = controller.Kc * (controller.b * wanted - measured)
+    factor = controller.Kc * controller.Td / (controller.Tf + controller.Ts)
+    return proportional, wanted - measured, controller.c * wanted - measured, factor
 
 
 class RunningPID(RunningBlock):
@@ -187,6 +202,40 @@ class RunningPID(RunningBlock):
         """
         arguments.check_numbers("RunningPID.reset", integral=integral)
         self._start(pid_block(self.controller, ALONE, integral))
+
+    def start(self, output: float, reference: float, measured: float) -> None:
+        """Begin without a bump, as after control by hand: the outputs go on from the present one.
+
+        Parameters
+        ----------
+        output
+            The present output.
+        reference, measured
+            What is asked for and what is measured there.
+        """
+        given = {"output": output, "reference": reference, "measured": measured}
+        arguments.check_numbers("RunningPID.start", **given)
+        at = [reference, 0.0, 0.0, measured, 0.0, 0.0, 1.0]
+        self._start(pid_block(self.controller, ALONE, output, at))
+        self._signals[0] = at
+
+    def change(self, controller: PID) -> None:
+        """Go on with other gains, without a bump: the integral takes the change of the proportional part.
+
+        The derivative part goes on from its value; without derivative time it ends.
+
+        Parameters
+        ----------
+        controller
+            With the new gains.
+        """
+        (last,) = self._signals
+        proportional, _, slope, factor = _parts(self.controller, ALONE)
+        part, derivative = proportional @ last, factor * (slope @ last - self.memory[2])
+        proportional, error, slope, factor = _parts(controller, ALONE)
+        self.memory[0] += part - proportional @ last
+        self.memory[1:] = error @ last, slope @ last - (derivative / factor if factor else 0.0)
+        self.controller, self._core = controller, CoreController(pid_block(controller, ALONE).arrays)
 
 
 def run_pid(controller: PID, reference: ArrayLike, measured: ArrayLike) -> Array:

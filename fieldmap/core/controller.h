@@ -4,7 +4,7 @@
  *
  * v[7]: reference[3] and measured position[3] of the sensed point, both m in the frame of the map, and 1. xi: memory.
  * f: feed-forward. E and F feed the applied outputs s to an observer; E also feeds them to an integral that tracks its limit.
- * All numbers are double.
+ * In fm_real (real.h): double, or single precision for microcontrollers with FIELDMAP_REAL float.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -16,6 +16,7 @@
 #include <stdint.h>
 
 #include "instruments.h"
+#include "real.h"
 
 enum { FIELDMAP_SIGNALS = 7 };
 
@@ -25,55 +26,55 @@ enum { FIELDMAP_SIGNALS = 7 };
  * the memory is an integral that must not drive this output further beyond a limit, otherwise -1. */
 typedef struct fieldmap_controller {
     int nodes, states, outputs, signal;
-    double first, step;
-    const double *A, *B, *C, *D, *E, *F, *lower, *upper;
+    fm_real first, step;
+    const fm_real *A, *B, *C, *D, *E, *F, *lower, *upper;
     const int64_t *hold;
 } fieldmap_controller;
 
 /* Position of a signal between two nodes. node: the lower one; share: weight of the upper one. */
 typedef struct fieldmap_between {
     int node;
-    double share;
+    fm_real share;
 } fieldmap_between;
 
-static inline fieldmap_between fieldmap_node(const fieldmap_controller *of, const double *v)
+static inline fieldmap_between fieldmap_node(const fieldmap_controller *of, const fm_real *v)
 {
-    fieldmap_between found = {0, 0.0};
+    fieldmap_between found = {0, FM(0)};
     if (of->nodes > 1) {
-        const double at = fieldmap_within((v[of->signal] - of->first) / of->step, 0.0, of->nodes - 1.0);
+        const fm_real at = FM(fieldmap_within((v[of->signal] - of->first) / of->step, 0.0, of->nodes - 1.0));
         found.node = (int)at < of->nodes - 2 ? (int)at : of->nodes - 2;
-        found.share = at - found.node;
+        found.share = at - FM(found.node);
     }
     return found;
 }
 
 /* Product of row i of a matrix (rows, columns), interpolated between nodes, and a vector. */
-static inline double fieldmap_row_times(
-    const double *stack, fieldmap_between at, int rows, int columns, int i, const double *vector)
+static inline fm_real fieldmap_row_times(
+    const fm_real *stack, fieldmap_between at, int rows, int columns, int i, const fm_real *vector)
 {
     const size_t matrix = (size_t)rows * (size_t)columns;
-    const double *row = stack + (size_t)at.node * matrix + (size_t)i * (size_t)columns;
-    double sum = 0.0;
+    const fm_real *row = stack + (size_t)at.node * matrix + (size_t)i * (size_t)columns;
+    fm_real sum = FM(0);
     int k;
-    if (at.share == 0.0) {
+    if (at.share == FM(0)) {
         for (k = 0; k < columns; k++) sum += row[k] * vector[k];
     } else {
-        for (k = 0; k < columns; k++) sum += ((1.0 - at.share) * row[k] + at.share * row[matrix + (size_t)k]) * vector[k];
+        for (k = 0; k < columns; k++) sum += ((FM(1) - at.share) * row[k] + at.share * row[matrix + (size_t)k]) * vector[k];
     }
     return sum;
 }
 
 /* Output j before feed-forward and limits. */
-static inline double fieldmap_wanted_output(
-    const fieldmap_controller *of, fieldmap_between at, int j, const double *memory, const double *v)
+static inline fm_real fieldmap_wanted_output(
+    const fieldmap_controller *of, fieldmap_between at, int j, const fm_real *memory, const fm_real *v)
 {
     return fieldmap_row_times(of->C, at, of->outputs, of->states, j, memory)
         + fieldmap_row_times(of->D, at, of->outputs, FIELDMAP_SIGNALS, j, v);
 }
 
 /* Number i of the memory after this sample. without[outputs]: the limited outputs minus the feed-forward. */
-static inline double fieldmap_next_memory(const fieldmap_controller *of, fieldmap_between at, int i, const double *memory,
-                                          const double *v, const double *without, const double *feedforward)
+static inline fm_real fieldmap_next_memory(const fieldmap_controller *of, fieldmap_between at, int i, const fm_real *memory,
+                                          const fm_real *v, const fm_real *without, const fm_real *feedforward)
 {
     return fieldmap_row_times(of->A, at, of->states, of->states, i, memory)
         + fieldmap_row_times(of->B, at, of->states, FIELDMAP_SIGNALS, i, v)
@@ -88,16 +89,16 @@ static inline int fieldmap_controller_scratch(const fieldmap_controller *of)
 }
 
 /* Fill outputs[], feed-forward included, and advance memory[]. Returns whether a limit changed an output. */
-static inline int fieldmap_control(const fieldmap_controller *of, const double *v, const double *feedforward, double *memory,
-                                   double *scratch, double *outputs)
+static inline int fieldmap_control(const fieldmap_controller *of, const fm_real *v, const fm_real *feedforward, fm_real *memory,
+                                   fm_real *scratch, fm_real *outputs)
 {
     const int n = of->states, m = of->outputs;
     const fieldmap_between at = fieldmap_node(of, v);
-    double *without = scratch + n, *beyond = without + m;
+    fm_real *without = scratch + n, *beyond = without + m;
     int i, j, held = 0;
     for (j = 0; j < m; j++) {
-        const double wanted = fieldmap_wanted_output(of, at, j, memory, v) + feedforward[j];
-        outputs[j] = fieldmap_within(wanted, of->lower[j], of->upper[j]);
+        const fm_real wanted = fieldmap_wanted_output(of, at, j, memory, v) + feedforward[j];
+        outputs[j] = FM(fieldmap_within(wanted, of->lower[j], of->upper[j]));
         without[j] = outputs[j] - feedforward[j];
         beyond[j] = wanted - outputs[j];
         held |= wanted != outputs[j];
@@ -107,10 +108,10 @@ static inline int fieldmap_control(const fieldmap_controller *of, const double *
         const int64_t output = of->hold[i];
         if (output >= 0) {
             /* Coefficient of this number of the memory in its output. */
-            const double *by_memory = of->C + ((size_t)at.node * (size_t)m + (size_t)output) * (size_t)n + (size_t)i;
-            double drives = by_memory[0];
-            if (at.share != 0.0) drives = (1.0 - at.share) * drives + at.share * by_memory[(size_t)m * (size_t)n];
-            if (beyond[output] * drives * (scratch[i] - memory[i]) > 0.0) continue;
+            const fm_real *by_memory = of->C + ((size_t)at.node * (size_t)m + (size_t)output) * (size_t)n + (size_t)i;
+            fm_real drives = by_memory[0];
+            if (at.share != FM(0)) drives = (FM(1) - at.share) * drives + at.share * by_memory[(size_t)m * (size_t)n];
+            if (beyond[output] * drives * (scratch[i] - memory[i]) > FM(0)) continue;
         }
         memory[i] = scratch[i];
     }
@@ -119,14 +120,14 @@ static inline int fieldmap_control(const fieldmap_controller *of, const double *
 
 /* Fill feedforward[] so that the controller gives the outputs wanted[] while the sensed point is at its reference[3], and
  * advance memory[]. The feed-forward is wanted[] minus the outputs of the controller alone. */
-static inline void fieldmap_quiet_feedforward(const fieldmap_controller *of, const double *reference, const double *wanted,
-                                              double *memory, double *scratch, double *feedforward)
+static inline void fieldmap_quiet_feedforward(const fieldmap_controller *of, const fm_real *reference, const fm_real *wanted,
+                                              fm_real *memory, fm_real *scratch, fm_real *feedforward)
 {
-    double v[FIELDMAP_SIGNALS] = {0.0}, *without = scratch + of->states;
+    fm_real v[FIELDMAP_SIGNALS] = {FM(0)}, *without = scratch + of->states;
     fieldmap_between at;
     int i, j;
     for (i = 0; i < 3; i++) v[i] = v[3 + i] = reference[i];
-    v[6] = 1.0;
+    v[6] = FM(1);
     at = fieldmap_node(of, v);
     for (j = 0; j < of->outputs; j++) {
         feedforward[j] = wanted[j] - fieldmap_wanted_output(of, at, j, memory, v);

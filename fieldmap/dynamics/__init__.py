@@ -60,6 +60,7 @@ from fieldmap.dynamics.scenario import (
     read_scenario,
     run_metrics,
     simulate,
+    tune_axes,
 )
 from fieldmap.dynamics.several_bodies import SeveralBodies, SeveralBodiesRun
 from fieldmap.dynamics.weight_balance import WeightBalance
@@ -128,4 +129,5 @@ __all__ = [
     "state_of",
     "superposed",
     "tabled",
+    "tune_axes",
 ]

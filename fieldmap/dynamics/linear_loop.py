@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from fieldmap.arguments import check, check_positive
 from fieldmap.control import StateSpace, zero_order_hold
 from fieldmap.control.blocks import ControllerBlock
+from fieldmap.control.margins import Margins, margins_of_curves
 from fieldmap.dynamics.closed_loop import Schedule
 from fieldmap.dynamics.linearisation import LinearMachine
 from fieldmap.dynamics.machine import Sensors
@@ -147,7 +148,7 @@ def close_loop(
     """
     machine = sampled_machine(linear, schedule.period, schedule.delay)
     k = controller
-    shown = np.eye(3)[None] if sensors is None else _shares_of_the_past(sensors, schedule.period)
+    shown = np.eye(3)[None] if sensors is None else shares_of_the_past(sensors, schedule.period)
     now, past = shown[0] @ machine.C, np.hstack([*shown[1:], np.zeros((3, 0))])
     listen, wanted = k.D[:, 3:6], k.D[:, :3]
     m, size, n, late = k.outputs, len(k.A), len(machine.A), past.shape[1]
@@ -165,7 +166,7 @@ def close_loop(
     return ClosedLoop(A, B, C, schedule.period, machine, controller)
 
 
-def _shares_of_the_past(sensors: Sensors, period: float) -> Array:
+def shares_of_the_past(sensors: Sensors, period: float) -> Array:
     """(k, 3, 3): what is seen is the sum of them times where the body was k samples ago; lags of scans and of the hold
     between means, shared out to the samples on both sides."""
     if not sensors.scan_rate:
@@ -181,23 +182,6 @@ def _shares_of_the_past(sensors: Sensors, period: float) -> Array:
         np.add.at(shares[:, axis], below, (1.0 - lags + below) / lags.size)
         np.add.at(shares[:, axis], below + 1, (lags - below) / lags.size)
     return np.stack([back @ np.diag(share) @ into for share in shares])
-
-
-@dataclass(frozen=True, repr=False)
-class Margins(Record):
-    """How far the loop at one output of the controller is from instability, the others being closed.
-
-    gain_up, gain_down: factors of that output which bring it there (infinite and 0 where none does); phase: deg, that
-    lag brings it there; crossover: frequency at which the phase is taken, Hz; modulus: smallest distance of the loop's
-    curve from -1, which one number bounds all of them (0.5 is comfortable). NaN where a loop has no crossover.
-    """
-
-    output: str
-    gain_up: float
-    gain_down: float
-    phase: float
-    crossover: float
-    modulus: float
 
 
 def margins(
@@ -229,9 +213,10 @@ def margins(
     rates = 2.0 * np.pi * frequencies
     curves = _opened(loop, rates, sensors)
     shares = np.abs((1.0 + curves) * _unstable_sensitivity(loop, rates)).max(axis=0)
+    found = margins_of_curves(frequencies, curves.T).T.tolist()
     return [
-        _margins_of(name, frequencies, curve)
-        for name, curve, share in zip(names, curves.T, shares, strict=True)
+        Margins(name, *numbers)
+        for name, numbers, share in zip(names, found, shares, strict=True)
         if share < _APART
     ]
 
@@ -283,27 +268,3 @@ def _unstable_sensitivity(loop: ClosedLoop, rates: Array) -> Complex:
     q = np.exp(1j * rates * loop.period)[:, None, None]
     modes = np.linalg.inv(q * np.eye(count) - T[first, first])
     return np.einsum("jk,nkl,lj->nj", said, modes, reached)
-
-
-def _margins_of(name: str, frequencies: Array, curve: Complex) -> Margins:
-    size, angle = np.abs(curve), np.unwrap(np.angle(-curve))
-    up, down, phase, at = np.inf, 0.0, np.nan, np.nan
-    for k in np.flatnonzero((size[1:] - 1.0) * (size[:-1] - 1.0) <= 0.0):
-        share = _crossing(np.log(size[k : k + 2]), 0.0)
-        # Distance of the angle from that of -1, which is where -curve is 1.
-        here = float(np.angle(np.exp(1j * (angle[k] + share * (angle[k + 1] - angle[k])))))
-        if not abs(np.rad2deg(here)) >= phase:
-            phase = abs(float(np.rad2deg(here)))
-            at = float(frequencies[k] * (frequencies[k + 1] / frequencies[k]) ** share)
-    turns = np.floor(angle / (2.0 * np.pi))
-    for k in np.flatnonzero(np.diff(turns)):
-        border = 2.0 * np.pi * max(turns[k], turns[k + 1])
-        share = _crossing(angle[k : k + 2], border)
-        factor = 1.0 / float(size[k] ** (1.0 - share) * size[k + 1] ** share)
-        up, down = (min(up, factor), down) if factor > 1.0 else (up, max(down, factor))
-    return Margins(name, up, down, phase, at, float(np.abs(1.0 + curve).min()))
-
-
-def _crossing(pair: Array, level: float) -> float:
-    a, b = pair
-    return float((level - a) / (b - a)) if b != a else 0.0

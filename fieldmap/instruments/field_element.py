@@ -14,7 +14,7 @@ from fieldmap.records import Record
 from fieldmap.typing import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FieldElement(Record):
     """Data-sheet numbers of an element with an analogue output and of its input converter.
 

@@ -55,12 +55,14 @@ def accuracy_words(summary: MapSummary) -> Iterator[tuple[str, str]]:
         yield "reaction", _reaction(summary.reaction, summary.payload)
 
 
-def _linkages(share: float, states: int, inductance_share: float, inductance_states: int) -> str:
-    """Errors of the flux linkages and inductances that saturating iron adds."""
-    return (
-        f"largest error {100 * share:.2g} % of the iron's largest flux linkage, at {states} states at random, "
-        f"{100 * inductance_share:.2g} % of the largest inductance, at {inductance_states} of them"
+def _linkages(share: float, states: int, inductance_share: float = 0.0, inductance_states: int = 0) -> str:
+    """Errors of the flux linkages that saturating iron adds, and of inductances where these are known."""
+    said = (
+        f"largest error {100 * share:.2g} % of the iron's largest flux linkage, at {states} states at random"
     )
+    if not inductance_states:
+        return said
+    return f"{said}, {100 * inductance_share:.2g} % of the largest inductance, at {inductance_states} of them"
 
 
 def _reaction(of: ReactionOfMap, payload: Payload | None) -> str:

@@ -1,5 +1,6 @@
 """Pictures of simulated runs."""
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NotRequired, TypedDict
@@ -9,11 +10,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from fieldmap.arguments import check
 from fieldmap.curves import percent
 from fieldmap.dynamics.loop_run import LevitationRun
 from fieldmap.dynamics.scenario import Experiment, LaidLog, reading_mm
 from fieldmap.dynamics.scenario.measured_log import AXES as MEASURED_AXES
+from fieldmap.inputs.tables import is_number
 from fieldmap.plot.style import COLOURS, INK, add_heading, grouped, new_figure, save_figure
+from fieldmap.store import RunRecord, read_runs
 from fieldmap.typing import Array, PathLike
 
 _NAMES = ("x", "y", "depth")
@@ -23,6 +27,13 @@ _SETTLED = 0.05
 """Of a step: nearer than this share of it a reading has arrived."""
 _TRUE, _MEASURED, *_ = COLOURS
 _LINES = ("-", "--", ":", "-.")
+_ASKED: dict[str, Any] = {"color": INK, "linewidth": 0.9, "linestyle": "--"}
+_NO_RUN = (
+    "must hold a run with samples and the zero of its depth",
+    "simulate again, with -o and at most 50 runs",
+)
+_FEW, _NAMED = 8, 4
+"""Runs whose lines are drawn at full strength; runs whose overshoots a message tells."""
 # Currents that differ by less than this share of the largest are one curve.
 _SAME = 1e-3
 _ABOVE: dict[str, Any] = {
@@ -66,6 +77,80 @@ def drawn_run(
     return shown | {"time": run.time, "currents": run.currents} | about
 
 
+def read_drawn_runs(
+    paths: Sequence[PathLike], names: Sequence[str] | None = None
+) -> tuple[str, list[DrawnRun]]:
+    """The runs of files that `fieldmap simulate -o` wrote, to be laid over one another by `run_figure`.
+
+    Parameters
+    ----------
+    paths
+        Of the files.
+    names
+        Of the runs of each file in the legend; those of the files unless given. A file of several values of varied keys
+        has these behind its name.
+
+    Returns
+    -------
+    tuple[str, list[DrawnRun]]
+        The title, which is the scenarios' own, and the runs.
+
+    Raises
+    ------
+    InputError
+        For a file without runs, and for names that are not one for each file.
+    """
+    files = [Path(path) for path in paths]
+    stems = [file.stem for file in files]
+    usual = stems if len(set(stems)) == len(stems) else [str(file) for file in files]
+    given = usual if names is None else list(names)
+    must = f"must be {len(files)} names, one for each file"
+    check(len(given) == len(files), "read_drawn_runs(names)", must, len(given), "name each file once")
+    drawn, titles = [], []
+    for file, name in zip(files, given, strict=True):
+        records, about = read_runs(file)
+        titles.append(about.get("title", ""))
+        drawn += [_recorded_run(file, record, name) for record in records]
+        check(bool(records), os.fspath(file), _NO_RUN[0], "none", _NO_RUN[1])
+    return "; ".join(dict.fromkeys(title for title in titles if title)), drawn
+
+
+def _recorded_run(file: Path, record: RunRecord, name: str) -> DrawnRun:
+    """Raises InputError for a run without samples, and for one that misses a signal."""
+    columns = {"time": 0, "reference": 3, "sensed": 3, "seen": 3, "currents": 1}
+    zero, samples = record.about.get("zero_depth_mm"), np.size(record.arrays.get("time", ((),))[0])
+    check(
+        samples > 0 and is_number(zero),
+        os.fspath(file),
+        _NO_RUN[0],
+        "none, or one of an older version",
+        _NO_RUN[1],
+    )
+    for signal, count in columns.items():
+        shape = np.shape(record.arrays.get(signal, (0.0,))[0])
+        fits = (
+            shape == (samples,)
+            if not count
+            else len(shape) == 2 and shape[0] == samples and shape[1] >= count
+        )
+        check(fits, os.fspath(file), f"{signal} must have a row for each time", f"shape {shape}", _NO_RUN[1])
+    signals = {"wanted": "reference", "true": "sensed", "seen": "seen"}
+    shown = {
+        key: record.arrays[signal][0][:, :3] * [1e3, 1e3, -1e3] - [0.0, 0.0, float(str(zero))]
+        for key, signal in signals.items()
+    }
+    currents, _, coils = record.arrays["currents"]
+    value = record.about.get("value", "")
+    about: Any = {
+        "time": record.arrays["time"][0],
+        "currents": currents,
+        "coil_names": coils.split(", "),
+        "event": str(record.about.get("event", "")),
+        "varied": {"run": f"{name}, {value}" if value else name},
+    }
+    return shown | about
+
+
 def run_figure(title: str, runs: Sequence[DrawnRun]) -> Figure:
     """References, true and seen positions of each axis, and the currents, over time.
 
@@ -77,7 +162,8 @@ def run_figure(title: str, runs: Sequence[DrawnRun]) -> Figure:
         Of the figure.
     runs
         One, or several, of which true positions are drawn only, one line each; those with the same values of
-        varied keys in one colour, which a legend names.
+        varied keys in one colour, which a legend names. Then currents have the colour of their run, too, and a kind of
+        line for each coil.
 
     Returns
     -------
@@ -96,7 +182,8 @@ def run_figure(title: str, runs: Sequence[DrawnRun]) -> Figure:
             places[0].legend(**_ABOVE)
         _draw_currents(lowest, runs)
         lowest.set(xlabel="time, s", ylabel="currents, A")
-        lowest.legend(**_ABOVE)
+        if lowest.get_legend_handles_labels()[1]:
+            lowest.legend(**_ABOVE)
         _add_values(figure, runs)
         add_heading(places[0], run_message(runs), title)
     return figure
@@ -119,9 +206,10 @@ def _add_values(figure: Figure, runs: Sequence[DrawnRun]) -> None:
     """A legend of the values of the varied keys below the figure, if there are several."""
     varied = list(dict.fromkeys(_values(run) for run in runs))
     if len(varied) > 1:
+        lines = [Line2D([], [], **_look_of_values(number)) for number in range(len(varied))]
         figure.legend(
-            [Line2D([], [], **_look_of_values(number)) for number in range(len(varied))],
-            [", ".join(values) for values in varied],
+            [*lines, Line2D([], [], **_ASKED)],
+            [*(", ".join(values) for values in varied), "reference"],
             title=", ".join(runs[0].get("varied", {})),
             loc="outside lower center",
             title_fontsize=8,
@@ -132,31 +220,54 @@ def _add_values(figure: Figure, runs: Sequence[DrawnRun]) -> None:
 def run_message(runs: Sequence[DrawnRun]) -> str:
     """What runs show, from their readings: how far and how fast a step was followed, or how well a place was held."""
     ended = sum(bool(run["event"]) for run in runs)
+    steps = [_step_of(run) for run in runs]
     if len(runs) > 1:
+        several = len({_values(run) for run in runs}) == len(runs) <= _NAMED
+        if several and not ended and None not in steps and len({step and step[::2] for step in steps}) == 1:
+            over = (
+                f"{', '.join(_values(run))} {_over(run, *step)}"
+                for run, step in zip(runs, steps, strict=True)
+                if step
+            )
+            return f"{_step_in_words(*steps[0])}: overshoot {', '.join(over)}" if steps[0] else ""
         worst = max(_largest_error(run) for run in runs)
         of = "none ended early" if not ended else f"{ended} ended early"
         return f"{len(runs)} runs, {of}; at most {_length(worst)} from what was asked"
-    (run,) = runs
+    (run,), (step,) = runs, steps
     if run["event"]:
         return f"Ended after {run['time'][-1]:.3g} s: {run['event']}"
+    if step is None:
+        return f"At most {_length(_largest_error(run))} from what was asked"
+    return f"{_step_in_words(*step)}: overshoot {_over(run, *step)}, {_arrival(run, *step)}"
+
+
+def _step_of(run: DrawnRun) -> tuple[int, int, float] | None:
+    """Axis, sample and size, mm, of the one step of a reference; None where there is none, or several."""
     steps = run["wanted"][-1] - run["wanted"][0]
     axis = int(np.argmax(np.abs(steps)))
     moves = np.flatnonzero(np.abs(np.diff(run["wanted"][:, axis])) > 1e-9)
-    if not steps[axis] or len(moves) != 1:
-        return f"At most {_length(_largest_error(run))} from what was asked"
-    return _step_in_words(run, axis, int(moves[0]), float(steps[axis]))
+    return (axis, int(moves[0]), round(float(steps[axis]), 9)) if steps[axis] and len(moves) == 1 else None
 
 
-def _step_in_words(run: DrawnRun, axis: int, start: int, step: float) -> str:
-    """Overshoot and settling of one step after sample `start`, mm."""
-    off = (run["true"][start:, axis] - run["wanted"][-1, axis]) / step
+def _step_in_words(axis: int, start: int, step: float) -> str:
+    return f"A step of {_length(abs(step))} in {_NAMES[axis]}"
+
+
+def _off(run: DrawnRun, axis: int, start: int, step: float) -> Array:
+    """Readings after a step less what is wanted, over the step."""
+    return np.asarray((run["true"][start:, axis] - run["wanted"][-1, axis]) / step)
+
+
+def _over(run: DrawnRun, axis: int, start: int, step: float) -> str:
+    return percent(max(float(_off(run, axis, start, step).max()), 0.0))
+
+
+def _arrival(run: DrawnRun, axis: int, start: int, step: float) -> str:
     after = run["time"][start:] - run["time"][start]
-    outside = np.flatnonzero(np.abs(off) > _SETTLED)
-    arrived = "not there at the end"
+    outside = np.flatnonzero(np.abs(_off(run, axis, start, step)) > _SETTLED)
     if outside.size and outside[-1] + 1 < len(after):
-        arrived = f"within {percent(_SETTLED)} after {after[outside[-1] + 1]:.2g} s"
-    over = percent(max(float(off.max()), 0.0))
-    return f"A step of {_length(abs(step))} in {_NAMES[axis]}: overshoot {over}, {arrived}"
+        return f"within {percent(_SETTLED)} after {after[outside[-1] + 1]:.2g} s"
+    return "not there at the end"
 
 
 def _largest_error(run: DrawnRun) -> float:
@@ -186,8 +297,9 @@ def _draw_readings(axis: Axes, runs: Sequence[DrawnRun], k: int, factor: float) 
     many = len(runs) > 1
     varied = list(dict.fromkeys(_values(run) for run in runs))
     for run in runs:
+        thin = len(runs) > (_FEW if len(varied) > 1 else 1)
         look: dict[str, Any] = (
-            {"linewidth": 0.8, "alpha": 0.6} if many else {"linewidth": 1.2, "color": _TRUE}
+            {"linewidth": 0.8, "alpha": 0.6} if thin else {"linewidth": 1.2, "color": _TRUE}
         )
         if len(varied) > 1:
             look |= _look_of_values(varied.index(_values(run)))
@@ -205,20 +317,24 @@ def _draw_readings(axis: Axes, runs: Sequence[DrawnRun], k: int, factor: float) 
     # Values that vary may be those of the start or of the reference.
     for run in {run["wanted"].tobytes(): run for run in runs}.values():
         wanted = factor * run["wanted"][:, k]
-        axis.plot(run["time"], wanted, color=INK, linewidth=0.9, linestyle="--", label="reference")
+        axis.plot(run["time"], wanted, label="reference", **_ASKED)
 
 
 def _draw_currents(axis: Axes, runs: Sequence[DrawnRun]) -> None:
-    """Coils of one current as one line; a log as dots, which have the colours of the lines."""
-    currents = np.concatenate([run["currents"] for run in runs])
-    names = [str(name) for name in runs[0].get("coil_names", range(1, currents.shape[1] + 1))]
-    near = _SAME * np.abs(currents).max(initial=0.0)
-    # Of curves that lie on each other only one would be seen.
-    alike = grouped(
-        range(currents.shape[1]),
-        lambda one, other: bool(np.abs(currents[:, one] - currents[:, other]).max(initial=0.0) <= near),
-    )
-    look: dict[str, Any] = {"linewidth": 0.7, "alpha": 0.3 if len(runs) > 1 else 1.0}
+    """Coils of one current as one line; a log as dots, which have the colours of the lines. Runs of several values of
+    varied keys have their colours, and kinds of lines for the coils."""
+    varied = list(dict.fromkeys(_values(run) for run in runs))
+    if len(varied) > 1:
+        # The roughest first: what is drawn over it is seen.
+        for run in sorted(runs, key=_roughness, reverse=True):
+            look = {"color": _look_of_values(varied.index(_values(run)))["color"], "linewidth": 0.8}
+            for number, coils in enumerate(_alike(run["currents"])):
+                kind = _LINES[number % len(_LINES)]
+                axis.plot(run["time"], run["currents"][:, coils[0]], linestyle=kind, **look)
+        return
+    names = [str(name) for name in runs[0].get("coil_names", range(1, runs[0]["currents"].shape[1] + 1))]
+    look = {"linewidth": 0.7, "alpha": 0.3 if len(runs) > 1 else 1.0}
+    alike = _alike(np.concatenate([run["currents"] for run in runs]))
     for run in runs:
         for coils in alike:
             of = [names[coil] for coil in coils]
@@ -230,6 +346,19 @@ def _draw_currents(axis: Axes, runs: Sequence[DrawnRun]) -> None:
             for name in log.signals.keys() - set(MEASURED_AXES):
                 colour = COLOURS[names.index(name) % len(COLOURS)]
                 axis.plot(log.time, log.signals[name].measured, ".", color=colour, markersize=1.5)
+
+
+def _roughness(run: DrawnRun) -> float:
+    return float(np.abs(np.diff(run["currents"], axis=0)).mean()) if len(run["time"]) > 1 else 0.0
+
+
+def _alike(currents: Array) -> list[list[int]]:
+    """Coils that have one current; of curves that lie on each other only one would be seen."""
+    near = _SAME * np.abs(currents).max(initial=0.0)
+    return grouped(
+        range(currents.shape[1]),
+        lambda one, other: bool(np.abs(currents[:, one] - currents[:, other]).max(initial=0.0) <= near),
+    )
 
 
 def save_run_figure(path: PathLike, title: str, runs: Sequence[DrawnRun]) -> Path:

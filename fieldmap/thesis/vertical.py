@@ -146,7 +146,7 @@ def minutes(inputs: dict[str, Any]) -> dict[str, Any]:
     poles = np.array([_loop_poles(fitted, gain, inputs) for gain in gains])
     Ti, Td = 60.0 * inputs["Ti_s"], 60.0 * inputs["Td_s"]
     integral = 0.5 * Ts / Ti
-    pid = PID(inputs["step_gain"], Ti, Td, Ts, integration="trapezoidal", derivative="measurement")
+    pid = PID(inputs["step_gain"], Ti, Td, Ts, integration="trapezoidal", c=0.0)
     of_step = _of_step(control.simulate_loop(_newtonian(fitted, Ts), pid, np.ones(3000)))
     del of_step["rise_time"]
     weight = 1e3 * inputs["gravity"] * inputs["amplifier_A_per_V"] / inputs["lift_current_A"]

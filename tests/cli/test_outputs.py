@@ -35,6 +35,7 @@ READ = {
     ("simulate", "map_file"),
     ("simulate", "log"),
     ("linearise", "map_file"),
+    ("tune", "map_file"),
     ("thesis", "maps"),
 }
 OUTPUTS = [(name, output) for name, entry in COMMANDS.items() for output in outputs_of(entry.call)]

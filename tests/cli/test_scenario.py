@@ -2,7 +2,9 @@
 
 import csv
 import json
+import re
 import sys
+import tomllib
 
 import numpy as np
 import pytest
@@ -278,3 +280,23 @@ def test_a_machine_that_cannot_carry_its_payload_anywhere_says_so(command):
     code, _, err = command("simulate hold --map sample")
     told = " ".join(err.split())
     assert (code, "3.55 A" in told, "lighter payload" in told) == (1, True, True)
+
+
+def test_tune_prints_controllers_that_simulate_takes(written, command, answer):
+    """The line --set of the page is a controller of the scenario; margins that cannot be had end with exit code 1."""
+    path = written()
+    code, text, _ = command("tune --axis z --crossover 8 --phase-margin 40", path)
+    assert code == 0
+    found = answer("tune --axis z --crossover 8 --phase-margin 40", path)
+    assert found["margins_alone"]["z"]["phase"] >= 40.0
+    assert found["loop"]["margins"][0]["crossover"] == pytest.approx(8.0, rel=1e-3)
+    assert list(found["keys"]) == ["control.z"]
+    (setting,) = re.findall(r"--set +(control\.z=\{[^}]*\})", " ".join(text.split()))
+    told = tomllib.loads(setting.replace("control.z=", "z = "))["z"]
+    for name, value in found["keys"]["control.z"].items():
+        assert told[name] == (value if isinstance(value, str) else pytest.approx(value, rel=1e-5))
+    run = answer("simulate", path, "--set", setting)["batches"][0]["runs"][0]
+    assert run["event"] == ""
+    told = answer("tune --axis z --crossover 1 --phase-margin 40", path, ends=1)
+    assert told["problems"][0]["where"].endswith("control.z")
+    assert command("tune --axis depth", path)[0] == 2

@@ -86,7 +86,7 @@ def test_a_limited_drive_loses_what_a_free_one_holds():
 
 
 def test_a_block_controls_as_the_pid_that_it_is_made_of():
-    law = pid(*SETTINGS[1], lower=-3.0, upper=3.0, anti_windup="track")
+    law = pid(*SETTINGS[1], lower=-3.0, upper=3.0, anti_windup="back_calculation")
     noise = {"position_noise": 0.01 * np.random.default_rng(8).normal(size=(2, 400)), "runs": 2}
     own = simulate_loop(VERTICAL, law, np.ones(400), **noise)
     block = simulate_loop(VERTICAL, pid_block(law, AxisReading("x")), np.ones(400), Ts=TS, **noise)

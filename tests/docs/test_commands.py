@@ -69,7 +69,7 @@ def test_files_exist(page, line, whole):
     """Shipped devices and recipes are named as they are."""
     known = {"map": ("maps", ""), "study": ("maps", "studies"), "fit": ("maps", "fits")}
     known["optimise"] = known["study"]
-    known |= dict.fromkeys(("simulate", "linearise"), ("maps", "scenarios"))
+    known |= dict.fromkeys(("simulate", "linearise", "tune"), ("maps", "scenarios"))
     words = words_of(line)
     if len(words) < 2 or words[1].startswith("-") or PLACEHOLDER.fullmatch(words[1]):
         return

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from fieldmap.control import PID
+from fieldmap.control.margins import margins_of_curves
 from fieldmap.dynamics import (
     AxisReading,
     CoilDrive,
@@ -27,10 +28,9 @@ from fieldmap.dynamics import (
 )
 from fieldmap.dynamics.linear_loop import (
     ClosedLoop,
-    _margins_of,
-    _shares_of_the_past,
     sampled_machine,
     sensor_answer,
+    shares_of_the_past,
 )
 from fieldmap.dynamics.linearisation import moved_state
 from fieldmap.errors import InputError, OutsideMapError
@@ -194,10 +194,14 @@ def test_margins_of_a_curve_that_is_straight_in_the_logarithm_are_exact_on_any_f
     """-l = (f0 / f) exp(i (1 - 0.4 log f)): |l| = 1 at f0, and the angle passes 0 at log f = 2.5."""
     frequencies = np.exp(np.linspace(0.0, 4.6, 8))
     x = np.log(frequencies)
-    found = _margins_of("lift", frequencies, -np.exp(middle - x + 1j * (1.0 - 0.4 * x)))
-    assert found.crossover == pytest.approx(np.exp(middle), rel=1e-9)
-    assert found.phase == pytest.approx(np.rad2deg(abs(1.0 - 0.4 * middle)), rel=1e-9)
-    assert (found.gain_up, found.gain_down) == pytest.approx((up, down), rel=1e-9)
+    curve = -np.exp(middle - x + 1j * (1.0 - 0.4 * x))
+    # One half as large crosses elsewhere, and leaves the first as it is.
+    found = margins_of_curves(frequencies, np.array([curve, curve / 2.0]))
+    above, below, phase, crossover, _ = found[:, 0]
+    assert crossover == pytest.approx(np.exp(middle), rel=1e-9)
+    assert phase == pytest.approx(np.rad2deg(abs(1.0 - 0.4 * middle)), rel=1e-9)
+    assert (above, below) == pytest.approx((up, down), rel=1e-9)
+    assert found[3, 1] == pytest.approx(np.exp(middle) / 2.0, rel=1e-9)
 
 
 def test_margins_are_those_of_python_control(linear, machine):
@@ -372,7 +376,7 @@ def test_averaging_makes_unstable_what_the_simulation_loses(six, averages, holds
     assert np.abs(run.sensed - run.references)[-200:, :2].max() < 1e-4 or not holds
     assert (run.event is None) is holds
     # What the past is worth adds up to one, and turns a slow sine as the frequency response says.
-    shares = _shares_of_the_past(experiment.machine.sensors, 2e-3)
+    shares = shares_of_the_past(experiment.machine.sensors, 2e-3)
     np.testing.assert_allclose(shares.sum(axis=0), np.eye(3), atol=1e-12)
     turned = np.einsum("kij,k->ij", shares, np.exp(-1j * 8.0 * 2e-3 * np.arange(len(shares))))
     np.testing.assert_allclose(turned, sensor_answer(experiment.machine.sensors, 8.0), atol=1e-3)

@@ -88,8 +88,8 @@ def opened(made):
 
 @pytest.fixture(scope="module")
 def truth(device):
-    """Flux density (s, 3, 3) and gradient (s, 3, 3, 3) at the points and loss (s,), by the full solver, along a path of
-    one history."""
+    """Flux density (s, 3, 3) and gradient (s, 3, 3, 3) at the points, loss (s,) and flux linkages (s, 2), by the full
+    solver, along a path of one history."""
     solver, after = HysteresisSolver(device, None, REFINEMENT), {}
 
     def solved_along(history, path):
@@ -101,7 +101,7 @@ def truth(device):
         for currents in path:
             state = solver.step(currents, memory)
             memory = state.memory
-            found.append((state.field(POINTS), state.gradient(POINTS), state.loss))
+            found.append((state.field(POINTS), state.gradient(POINTS), state.loss, state.flux_linkage()))
         return tuple(np.array(part) for part in zip(*found, strict=True))
 
     return solved_along
@@ -119,9 +119,11 @@ def test_a_stopped_run_solves_only_what_is_missing(made, opened):
 @pytest.mark.parametrize("number", [1001, 1003])
 def test_along_paths_that_no_training_saw_the_model_is_the_solver(opened, truth, number):
     path = paths.random_path(DOMAIN, np.full(2, LEVEL), number)
-    flux, slope, loss = truth(path.history, path.currents)
+    flux, slope, loss, linked = truth(path.history, path.currents)
     memory, heat = opened.memory(path.history), []
     error, bound = opened.current_error, opened.error_bound
+    stated = opened.info.provenance.solver_report["linkage_error"]["share"]
+    assert 0.0 < stated < 1e-2
     for k, currents in enumerate(path.currents):
         before = memory.dissipated
         memory = memory.step(currents)
@@ -131,6 +133,8 @@ def test_along_paths_that_no_training_saw_the_model_is_the_solver(opened, truth,
         assert np.linalg.norm(g - slope[k], axis=(1, 2)).max() < error.gradient + bound.gradient
         read = memory.readings(POINTS[0], np.zeros(3), currents)
         assert abs(read[0] - b[1] @ SENSOR.axis) < bound.flux_density
+        off = np.abs(memory.flux_linkage(currents) - linked[k]).max()
+        assert off < 2.0 * stated * np.abs(linked).max()
     # The error is small beside what the memory makes: the same currents, each straight from the level.
     straight = np.array([opened.field(POINTS, currents) for currents in path.currents])
     assert np.linalg.norm(straight - flux, axis=2).max() > 5.0 * error.flux_density
@@ -156,7 +160,7 @@ def test_a_sensor_reads_the_iron_s_reaction_to_a_magnet(opened):
 def test_slopes_of_loops_are_those_of_the_solver(opened, truth, loop):
     """The second of two loops of the left coil about the level, driven in the full solver."""
     turns = np.array([1.0, -1.0, 1.0, -1.0])
-    flux, slope, _ = truth("shaken", LEVEL + loop * turns[:, None] * [1.0, 0.0])
+    flux, slope, *_ = truth("shaken", LEVEL + loop * turns[:, None] * [1.0, 0.0])
     _, _, by_flux, by_slope = opened.by_currents(POINTS, opened.last_currents, loop=loop)
     for found, ends in ((by_flux[:, 0], flux), (by_slope[:, 0], slope)):
         wanted = (ends[2] - ends[3]) / (2.0 * loop)

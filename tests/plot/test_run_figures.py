@@ -1,13 +1,18 @@
 """Curves of runs over time: every curve is seen, and those that lie on each other are drawn once."""
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from fieldmap.plot.runs import drawn_run, run_figure, run_message
+from fieldmap.cli import main
+from fieldmap.errors import InputError
+from fieldmap.plot.runs import drawn_run, read_drawn_runs, run_figure, run_message
 from fieldmap.plot.style import COLOURS, INK
+from fieldmap.store import RunRecord, write_runs
+from tests.refusals import refused
 
 TIMES = np.linspace(0.0, 1.0, 11)
 
@@ -46,9 +51,10 @@ def test_runs_of_one_combination_of_values_share_a_colour_that_a_legend_names():
     figure = run_figure("A grid", [run_with(still, varied=varied) for varied in [*grid, grid[1]]])
     (legend,) = figure.legends
     assert legend.get_title().get_text() == "Kc, Td"
-    names = [text.get_text() for text in legend.get_texts()]
+    *names, last = [text.get_text() for text in legend.get_texts()]
     assert names == [f"{kc}, {td}" for kc in (0.2, 0.3, 0.4) for td in (1, 2, 3)]
-    of_legend = [(line.get_color(), line.get_linestyle()) for line in legend.get_lines()]
+    assert last == "reference"
+    of_legend = [(line.get_color(), line.get_linestyle()) for line in legend.get_lines()[:-1]]
     assert len(set(of_legend)) == 9
     *curves, _reference = figure.axes[2].get_lines()
     assert [(line.get_color(), line.get_linestyle()) for line in curves] == [*of_legend, of_legend[1]]
@@ -254,3 +260,107 @@ def test_the_unit_of_an_axis_changes_at_half_a_millimetre():
         true = readings(np.where(TIMES > 0.5, np.nan, -largest))
         label = run_figure("Unit", [run_with(np.zeros((11, 4)), true=true)]).axes[0].get_ylabel()
         assert label == f"x, {unit}"
+
+
+def write_steps(path, *overshoots, coils=("a", "b"), values=("",), **changes):
+    """A file of runs whose depth, 77 mm below the origin, steps by 1 mm at 0.25 s and goes beyond by these shares."""
+    step = np.where(TIMES > 0.25, 1e-3, 0.0)
+    records = []
+    for over, value in zip(overshoots, values, strict=True):
+        depth = step * (1.0 + over * (TIMES < 0.75))
+        place, wanted, seen = (
+            np.column_stack([0.001 + 0 * TIMES, 0.002 + 0 * TIMES, -0.077 - one])
+            for one in (depth, step, 2 * depth)
+        )
+        arrays = {"time": (TIMES, "s", "time"), "sensed": (place, "m", "x"), "seen": (seen, "m", "x")}
+        arrays |= {"reference": (wanted, "m", "x")}
+        arrays["currents"] = (
+            np.column_stack([(k + over) * TIMES for k in range(len(coils))]),
+            "A",
+            ", ".join(coils),
+        )
+        about = {"event": "", "value": value, "zero_depth_mm": 77.0} | changes
+        records.append(RunRecord(arrays, {name: one for name, one in about.items() if one is not None}))
+    return write_runs(path, records, {"title": "Steps"})
+
+
+def test_runs_of_several_files_lie_over_one_another(tmp_path):
+    """Each has its colour in every panel, named as its file in the legend; a file may have other coils, and values."""
+    files = [
+        write_steps(tmp_path / "before.h5", 0.5),
+        write_steps(tmp_path / "after.h5", 0.1, 0.0, coils=("a",), values=("Kc = 2", "Kc = 3")),
+    ]
+    title, runs = read_drawn_runs(files)
+    assert title == "Steps"
+    np.testing.assert_allclose(
+        runs[0]["true"][:4], [[1, 2, 0], [1, 2, 0], [1, 2, 0], [1, 2, 1.5]], atol=1e-12
+    )
+    np.testing.assert_allclose(runs[0]["seen"][3], [1, 2, 3], atol=1e-12)
+    np.testing.assert_allclose(runs[0]["wanted"][-1], [1, 2, 1], atol=1e-12)
+    figure = run_figure(title, runs)
+    names = ["before", "after, Kc = 2", "after, Kc = 3"]
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == [*names, "reference"]
+    shades = [to_hex(line.get_color()) for line in legend.get_lines()]
+    assert shades == [*(colour.lower() for colour in COLOURS[:3]), INK]
+    for panel, column in ((0, 0), (1, 1), (2, 2)):
+        *lines, (_, _, wanted, shade) = shown_of(figure, panel)
+        assert shade == INK
+        np.testing.assert_allclose(wanted, runs[0]["wanted"][:, column])
+        for (_, times, values, colour), run, expected in zip(lines, runs, shades, strict=False):
+            np.testing.assert_array_equal(times, TIMES)
+            np.testing.assert_allclose(values, run["true"][:, column])
+            assert colour == expected
+    # Of the currents the roughest, which rise fastest, come first: before, with two coils, then Kc = 2, Kc = 3.
+    currents = figure.axes[3].get_lines()
+    assert [to_hex(line.get_color()) for line in currents] == [shades[0], shades[0], shades[1], shades[2]]
+    assert [line.get_linestyle() for line in currents] == ["-", "--", "-", "-"]
+    assert [line.get_ydata()[-1] for line in currents] == [0.5, 1.5, 0.1, 0.0]
+    told = "A step of 1 mm in depth: overshoot before 50 %, after, Kc = 2 10 %, after, Kc = 3 0 %"
+    assert run_message(runs) == told
+    # Steps of other sizes, and more than four runs, have no overshoots to compare.
+    other = runs[0] | {"wanted": 2 * runs[0]["wanted"], "varied": {"run": "other"}}
+    assert run_message([*runs, other]).startswith("4 runs")
+    assert run_message([*runs, runs[0], runs[1]]).startswith("5 runs")
+
+
+def test_names_of_runs(tmp_path):
+    """Given, or those of the files with their folders where they would be the same."""
+    (tmp_path / "b").mkdir()
+    files = [write_steps(tmp_path / "run.h5", 0.5), write_steps(tmp_path / "b" / "run.h5", 0.1)]
+    assert [run["varied"] for run in read_drawn_runs(files)[1]] == [{"run": str(file)} for file in files]
+    assert [run["varied"]["run"] for run in read_drawn_runs(files, ["one", "two"])[1]] == ["one", "two"]
+    with refused(InputError, where="read_drawn_runs(names)"):
+        read_drawn_runs(files, ["one"])
+
+
+@pytest.mark.parametrize(
+    "missing", ["time", "sensed", "seen", "reference", "currents", "zero", "rows", "runs"]
+)
+def test_a_file_without_what_is_drawn_is_refused(tmp_path, missing):
+    path = tmp_path / "run.h5"
+    arrays = {"time": (TIMES, "s", "time"), "currents": (TIMES[:, None], "A", "a")}
+    arrays |= dict.fromkeys(("sensed", "seen", "reference"), (np.zeros((11, 3)), "m", "x"))
+    if missing == "rows":
+        arrays["currents"] = (TIMES[:5, None], "A", "a")
+    arrays.pop(missing, None)
+    about = {} if missing == "zero" else {"zero_depth_mm": 77.0}
+    write_runs(path, [] if missing == "runs" else [RunRecord(arrays, about)], {"title": ""})
+    with refused(InputError, where=str(path)):
+        read_drawn_runs([path])
+
+
+def test_show_draws_several_runs(tmp_path, capsys):
+    files = [str(write_steps(tmp_path / f"{name}.h5", over)) for name, over in (("one", 0.5), ("two", 0.1))]
+    picture = tmp_path / "both.svg"
+    assert main(["show", *files, "--save", str(picture)]) == 0
+    assert capsys.readouterr().out.strip() == str(picture)
+    text = picture.read_text()
+    assert all(f"<!-- {name} -->" in text for name in ("one", "two", "reference"))
+    assert main(["show", files[0], "--what", "curves", "--save", str(tmp_path / "one.png")]) == 0
+    capsys.readouterr()
+    wrong = [*files, "drive_unit", "--what", "path", "--currents", "1", "--json"]
+    assert main(["show", *wrong]) == 2
+    problems = json.loads(capsys.readouterr().out)["problems"]
+    assert [problem["where"] for problem in problems] == ["drive_unit", "--currents", "--what", "--save"]
+    assert main(["show", *files, "--save", str(tmp_path / "both.html")]) == 2

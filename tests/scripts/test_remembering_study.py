@@ -40,5 +40,5 @@ def test_the_block_is_as_far_below_the_body_as_in_the_file(program, monkeypatch)
     given = unit.simulate("spikes", {"plate.face_mm": [0.0, 0.0, -109.0]}, field_map=None).given
     assert given["plate.face_mm"][2] == pytest.approx(-109.0 + 15.0 - 9.87)
     assert given["sensors.deviation_mm"] == pytest.approx([0.00271, 0.00419, 0.0052])
-    assert (given["control.x.derivative"], given["control.z.derivative"]) == ("error", "error")
-    assert "control.y.derivative" not in given
+    assert (given["control.x.c"], given["control.z.c"]) == (1.0, 1.0)
+    assert "control.y.c" not in given

@@ -231,7 +231,7 @@ def sway(r, i):
 def proportional(r, i):
     """6.5: ten steps of 0.1 mm out and ten back, one every 1.5 s from 2 s on; 6.6: Ti = 0.005 min, 0.5 mm and back."""
     pd = {"kind": "pid", "Kc": 1.0, "Td_s": pytest.approx(60 * 1e-6), "lower": -0.4, "upper": 0.4}
-    pd |= {"integration": "trapezoidal", "anti_windup": "none", "derivative": "error"}
+    pd |= {"integration": "trapezoidal", "anti_windup": "none", "Tf_s": 0.0, "b": 1.0, "c": 1.0}
     along_y = {
         "control.y": pd, "control.x": STILL, "start.y_mm": 0.0, "reference.0.axis": "y", "reference.1.axis": "y",
     }  # fmt: skip

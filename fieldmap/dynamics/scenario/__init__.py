@@ -6,6 +6,7 @@ from fieldmap.dynamics.scenario.linear_points import Linearisation, LinearPoint,
 from fieldmap.dynamics.scenario.measured_log import LaidLog, lay_over, read_measured_log
 from fieldmap.dynamics.scenario.metrics import reading_mm, run_metrics
 from fieldmap.dynamics.scenario.schema import read_scenario
+from fieldmap.dynamics.scenario.tuning import Tuning, tune_axes
 
 __all__ = [
     "Batch",
@@ -15,6 +16,7 @@ __all__ = [
     "Linearisation",
     "ScenarioRun",
     "Simulation",
+    "Tuning",
     "lay_over",
     "linear_points",
     "open_machine",
@@ -25,5 +27,6 @@ __all__ = [
     "run_metrics",
     "simulate",
     "simulate_batches",
+    "tune_axes",
     "write_simulation",
 ]

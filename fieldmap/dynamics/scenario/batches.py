@@ -185,7 +185,11 @@ def _label(varied: Mapping[str, object]) -> str:
 def write_simulation(path: PathLike, simulation: Simulation) -> Path:
     """Write the kept signals as .h5, or those of a single run as .csv."""
     records = [
-        recorded(one.run, batch.experiment.device.coil_names, {"value": batch.label})
+        recorded(
+            one.run,
+            batch.experiment.device.coil_names,
+            {"value": batch.label, "zero_depth_mm": batch.experiment.scenario.zero_depth_mm},
+        )
         for batch in simulation.batches
         for one in batch.runs
         if one.run is not None

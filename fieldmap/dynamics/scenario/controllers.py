@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -95,19 +95,23 @@ class Pid(AxisController):
         USUAL_INTEGRATION
     )
     anti_windup: Annotated[
-        Literal["none", "hold", "track"], Key(..., "behaviour of the integral at a limit")
+        Literal["none", "clamping", "back_calculation"], Key(..., "behaviour of the integral at a limit")
     ] = "none"
-    derivative: Annotated[Literal["error", "measurement"], Key(..., "signal that is differentiated")] = (
-        "error"
-    )
+    tracking_time: Annotated[
+        Positive | None, Key(..., "time of back_calculation; unless given sqrt(Ti Td), or Ti without Td", "s")
+    ] = None
+    Tf: Annotated[NotNegative, Key(..., "time constant of the filter of the derivative, Td / N", "s")] = 0.0
+    b: Annotated[float, Key(..., "weight of the reference in the proportional part")] = 1.0
+    c: Annotated[float, Key(..., "weight of the reference in the derivative; 0: of the measurement")] = 1.0
 
     def block(
         self, reading: control.AxisReading, period: float, output: float, at: Array
     ) -> control.ControllerBlock:
         """See `AxisController`. The controller of the depth acts on minus the error: more lift reduces the depth."""
-        times, minus = (np.inf if self.Ti is None else self.Ti, self.Td, period), reading.axis == "z"
-        rules = {name: getattr(self, name) for name in ("integration", "anti_windup", "derivative")}
-        pid = control.PID(self.Kc, *times, *_limits_of(self), **rules, acts_on_minus_error=minus)
+        given = {each.name: getattr(self, each.name) for each in fields(self)}
+        limits = dict(zip(("lower", "upper"), _limits_of(self), strict=True))
+        given |= {"Ti": np.inf if self.Ti is None else self.Ti, **limits}
+        pid = control.PID(Ts=period, acts_on_minus_error=reading.axis == "z", **given)
         return control.pid_block(pid, reading, output, at)
 
 

@@ -4,6 +4,7 @@ The amplitudes of the basis solve the projected equation of the potential form (
 law B(H) is evaluated at the points of the elements, as in the full model, and the functional stays convex.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, qr, solve_triangular
 
-from fieldmap.core.iron import FOUND, CoreIron
+from fieldmap.core.iron import FOUND, CoreIron, IronState
 from fieldmap.core.iron_numbers import numbers_without_fields
 from fieldmap.errors import NotConverged
 from fieldmap.iron.elements.bh_law import LawTables
@@ -224,15 +225,25 @@ class GalerkinModel(Record):
     def along(self, currents: Array, tolerance: float = 1e-6) -> Array:
         """Amplitudes (s, r) of iron with hysteresis that was never magnetised, at currents (s, c), one straight step
         after the other. Raises NotConverged."""
-        state, amplitudes = self._core_at_currents.state(), np.empty((len(currents), self.modes))
+        return np.array([state.amplitudes for _, state in self._steps(currents, tolerance)])
+
+    def linkages_along(self, currents: Array, tolerance: float = 1e-6) -> Array:
+        """As `along`, the flux linkages (s, c) that the iron adds, times mu0, but for those of magnets."""
+        linkages = np.empty(currents.shape)
+        for out, (row, state) in zip(linkages, self._steps(currents, tolerance), strict=True):
+            state.linkages(row, out, None, tolerance=tolerance)
+        return linkages
+
+    def _steps(self, currents: Array, tolerance: float) -> Iterator[tuple[Array, IronState]]:
+        """The state behind each step of `along`."""
+        state = self._core_at_currents.state()
         weights = np.empty(self.source.shape[1] + (self.fixed is not None))
-        for row, out in zip(np.array(currents, dtype=np.float64, order="C"), amplitudes, strict=True):
+        for row in np.array(currents, dtype=np.float64, order="C"):
             if state.step(row, weights, tolerance=tolerance) != FOUND:
                 received = f"a relative step of {state.left:.1e} at {row.tolist()} A"
                 must_hold, remedy = "Newton's method must end", "take more modes and points"
                 raise NotConverged.of("reduced model of iron with hysteresis", must_hold, received, remedy)
-            out[:] = state.amplitudes
-        return amplitudes
+            yield row, state
 
     @cached_property
     def _core_at_currents(self) -> CoreIron:

@@ -119,6 +119,7 @@ def train_along_paths(
         "error_parts": {"modes_leave": reduction.left, "taken": taken, "limits": reduction.limits},
         "report": known[0].report,
         "level_of_histories": level.tolist(),
+        "linkage_error": {"share": reduction.linkage_error(tried), "states": held_out * STEPS},
     }
     weights = np.abs(np.concatenate([reduction.weights(one) for one in (*known, *tried)])).max(axis=0)
     largest_weights = np.concatenate([largest, _MARGIN * weights])
@@ -167,7 +168,9 @@ class _Reduction:
         self._amplitudes = coordinates[:, :count] * sizes[:, None]
         charge = solver.solver.charge_density(basis)
         fields = ModeFields(trial, *trial.fields(charge))
-        self.few, too_few = self._sampled(solver.solver.project(basis), fields, paths, plan, forecast)
+        full = solver.solver.project(basis)
+        self._moments_to_linkages = np.repeat(full.weights, 3)[:, None] * full.source
+        self.few, too_few = self._sampled(full, fields, paths, plan, forecast)
         combination, self.output = output_fields(
             self._amplitudes, fields.rows, plan.fields, _FIELDS * plan.accuracy
         )
@@ -190,6 +193,18 @@ class _Reduction:
                 tried.add(currents, Solved(potential, nothing, nothing))
         weights = np.concatenate([self.weights(one) for one in paths])
         return self._trial.errors(weights, self.charge, tried)
+
+    def linkage_error(self, paths: Sequence[SolvedPath]) -> float:
+        """Largest error of a flux linkage that the iron adds along solved paths, as a share of the path's largest."""
+        shares = [0.0]
+        for one in paths:
+            memory = self._solver.memory(one.path.history)
+            states = self._solver.solver.magnetised(memory, one.path.currents, one.potentials)
+            theirs = np.array([polarised.ravel() @ self._moments_to_linkages for polarised, _ in states])
+            before = history_of_currents(one.path.history, self._solver.level)
+            ours = self.few.linkages_along(np.concatenate([before, one.path.currents]))[len(before) :]
+            shares.append(float(np.abs(ours - theirs).max() / np.abs(theirs).max()))
+        return max(shares)
 
     def model(self, domain: CurrentDomain) -> ReducedModel:
         """The model as data of a map. Its known state is that after the history "shaken"."""

@@ -56,7 +56,7 @@ class Unit(Record):
         given |= {"field.scale": self.scale, "sensors.deviation_mm": (self.noise * DEVIATION_MM).tolist()}
         for axis in "xyz":
             if getattr(contents.control, axis).kind == "pid":
-                given[f"control.{axis}.derivative"] = self.derivative
+                given[f"control.{axis}.c"] = float(self.derivative == "error")
         if contents.plate is not None:
             x, y, z = contents.plate.face_mm
             given["plate.face_mm"] = [x, y, z + SCENARIO_H_MM - self.protocol.h]

@@ -1,0 +1,247 @@
+"""PID controllers for a linear plant, by the margins that are asked for: docs/theory/control.md, Tuning."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from fieldmap import arguments
+from fieldmap.control.blocks import ALONE
+from fieldmap.control.loop import strictly_proper
+from fieldmap.control.margins import Margins, margins_of_curves
+from fieldmap.control.pid import INTEGRATION, PID, USUAL_INTEGRATION, pid_block
+from fieldmap.core.sampled_loop import Plant
+from fieldmap.errors import Infeasible, Problem
+from fieldmap.records import Record
+from fieldmap.typing import Array
+
+_FREQUENCIES, _SEED = 1500, 1
+# Integral times over that of a radian at the crossover.
+_TIMES = (0.1, 1e4)
+# Merit of a loop: the logarithm of |Kc| / Ti if it has the margins, otherwise the first number and the share of the
+# margins; of an unstable loop the second number, times the size of its largest pole.
+_WITHOUT_MARGINS, _UNSTABLE = -1e3, -1e6
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TunedPID(Record):
+    """pid: the controller; margins: those of its loop; largest_pole: of the closed loop, by its size, below 1; share:
+    the least of the margins over what was asked for (gains by their logarithms), 1 or more where all were had.
+    """
+
+    pid: PID
+    margins: Margins
+    largest_pole: float
+    share: float
+
+
+def tune_pid(
+    plant: tuple,
+    Ts: float,
+    *,
+    gain_margin: float = 2.0,
+    phase_margin: float = 45.0,
+    modulus: float = 0.4,
+    crossover: float | None = None,
+    N: float = 10.0,
+    integration: str = USUAL_INTEGRATION,
+) -> TunedPID:
+    """The PID controller with at least these margins that takes off a constant disturbance fastest (largest |Kc|/Ti).
+
+    Ti is at least 4 Td, so that the controller's zeros are real. It differentiates the measurement (c = 0). Limits,
+    anti-windup and weights of the set point leave the margins as they are: set them by
+    `dataclasses.replace(tuned.pid, upper=10.0)`.
+
+    Parameters
+    ----------
+    plant
+        (numerator, denominator) in q or (A, B, C, D), sampled at Ts; one input, one output, strictly proper, with
+        every delay of the loop; of any sign, stable or not.
+    Ts
+        Sampling time, s.
+    gain_margin
+        Factor by which the gain may grow or shrink, above 1. Only an unstable plant limits how far it may shrink.
+    phase_margin
+        Degrees.
+    modulus
+        Smallest distance of the loop's curve from -1, the inverse of the largest sensitivity. It bounds what the two
+        other margins do not see: curves that pass -1 at an angle.
+    crossover
+        Frequency at which the gain of the loop is 1, Hz; free unless given. Lower ones let less noise through.
+    N
+        Td / Tf of the filter of the derivative; infinite for none.
+    integration
+        Rule of the integral, as of `PID`.
+
+    Returns
+    -------
+    TunedPID
+        The controller and what it reaches.
+
+    Raises
+    ------
+    Infeasible
+        Where no controller was found that has the margins. The message says what can be had, and `reachable` of the
+        error is that controller (None if none is stable). An unstable plant, a delay or slow sampling bound what
+        can be had.
+    InputError
+        For a plant or numbers that do not fit.
+
+    Examples
+    --------
+    >>> plant = ([-0.03, 0.0298], [1, -1.915, 0.91405])
+    >>> tuned = tune_pid(plant, 2e-3, gain_margin=1.5, phase_margin=40, crossover=8.0)
+    >>> tuned.pid.acts_on_minus_error, bool(tuned.margins.phase >= 40)
+    (True, True)
+    """
+    where = "tune_pid"
+    arguments.check_positive(where, Ts=Ts)
+    half = 0.5 / Ts
+    given = {
+        "gain_margin": (gain_margin, 1.0, np.inf),
+        "phase_margin": (phase_margin, 0.0, 180.0),
+        "modulus": (modulus, 0.0, 1.0),
+        "crossover": (0.5 * half if crossover is None else crossover, 0.0, half),
+        # 1 / N is 0 for no filter.
+        "N": (1.0 / N if N > 0.0 else np.inf, -1.0, np.inf),
+    }
+    for name, (value, low, high) in given.items():
+        must = "must be above 0" if name == "N" else f"must lie between {low:g} and {high:g}"
+        arguments.check(low < value < high, f"{where}({name})", must, value, "choose another one")
+    arguments.check_choice(f"{where}(integration)", integration, INTEGRATION)
+    asked = (gain_margin, phase_margin, modulus, crossover)
+    search = _Search(strictly_proper(plant, where), Ts, *asked, N, integration)
+    best = search.best()
+    if best is None or best.share < 1.0:
+        raise search.refusal(best)
+    return best
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Loops of one plant under k PID controllers, columns of (4, k): what has their sign, logarithms of the crossover,
+    Hz, and of the integral time over that of a radian there, and 4 Td / Ti."""
+
+    plant: Plant
+    Ts: float
+    gain_margin: float
+    phase_margin: float
+    modulus: float
+    crossover: float | None
+    N: float
+    integration: str
+
+    @cached_property
+    def frequencies(self) -> Array:
+        """Hz (n,), to half the sampling rate."""
+        return np.geomspace(1e-5, 0.5, _FREQUENCIES) / self.Ts
+
+    @cached_property
+    def answers(self) -> NDArray[Any]:
+        """The plant's (n,), at the frequencies."""
+        return self.answer(self.frequencies)
+
+    def answer(self, frequencies: Array) -> NDArray[Any]:
+        """The plant's."""
+        q = np.exp(2j * np.pi * frequencies * self.Ts)[:, None, None]
+        A, B, C = self.plant
+        return np.asarray(np.linalg.solve(q * np.eye(len(A)) - A, B[None, :, None])[:, :, 0] @ C)
+
+    def law(self, frequencies: Array, Ti: Array, Td: Array) -> NDArray[Any]:
+        """The controllers of Kc 1, of times (k, 1), s, at frequencies (n,) or (k, 1)."""
+        q = np.exp(2j * np.pi * frequencies * self.Ts)
+        now, before = INTEGRATION[self.integration]
+        Tf = Td / self.N
+        integral = self.Ts / Ti * (now * q + before) / (q - 1.0)
+        derivative = Td / (Tf + self.Ts) * (q - 1.0) / (q - Tf / (Tf + self.Ts))
+        return 1.0 + integral + derivative
+
+    def gains(self, tried: Array) -> tuple[Array, Array, Array]:
+        """Kc with its sign, Ti and Td, (k, 1) each."""
+        sign, at, time, share = tried[:, :, None]
+        at = np.exp(at)
+        Ti = np.exp(time) / (2.0 * np.pi * at)
+        Td = 0.25 * share * Ti
+        there = np.abs(self.law(at, Ti, Td) * self.answer(at[:, 0])[:, None])
+        return np.where(sign < 0.0, -1.0, 1.0) / there, Ti, Td
+
+    def shares(self, margins: Array) -> Array:
+        """(k,): the least of margins (5, k) over what is asked for."""
+        with np.errstate(divide="ignore"):
+            gains = np.log([margins[0], 1.0 / margins[1]]) / np.log(self.gain_margin)
+        # A loop whose gain is nowhere 1 has no phase margin, and needs none.
+        phase = np.nan_to_num(margins[2] / self.phase_margin, nan=np.inf)
+        return np.asarray(np.min([*gains, phase, margins[4] / self.modulus], axis=0))
+
+    def tuned(self, tried: Array) -> list[TunedPID]:
+        """The controllers and what they reach."""
+        Kc, Ti, Td = self.gains(tried)
+        margins = margins_of_curves(self.frequencies, Kc * self.law(self.frequencies, Ti, Td) * self.answers)
+        found = []
+        for *numbers, share, of in zip(
+            Kc[:, 0], Ti[:, 0], Td[:, 0], self.shares(margins), margins.T, strict=True
+        ):
+            gain, integral, derivative = (float(number) for number in numbers)
+            rules: Any = {"integration": self.integration, "acts_on_minus_error": gain < 0.0}
+            pid = PID(abs(gain), integral, derivative, self.Ts, Tf=derivative / self.N, c=0.0, **rules)
+            found.append(TunedPID(pid, Margins("", *of.tolist()), self.largest_pole(pid), float(share)))
+        return found
+
+    def largest_pole(self, pid: PID) -> float:
+        """Of the closed loop, in q, by its size."""
+        (A, B, C), k = self.plant, pid_block(pid, ALONE)
+        listen = k.D[0, 3] * np.outer(B, C)
+        loop = np.block([[A + listen, np.outer(B, k.C[0])], [np.outer(k.B[:, 3], C), k.A]])
+        return float(np.abs(scipy.linalg.eigvals(loop)).max())
+
+    def best(self) -> TunedPID | None:
+        """The loop of most merit, by differential evolution; None if none was found that is stable."""
+        half = 0.5 / self.Ts
+        at = (2e-4 * half, half) if self.crossover is None else (self.crossover, self.crossover)
+        bounds = [(-1.0, 1.0), tuple(np.log(at)), tuple(np.log(_TIMES)), (0.0, 1.0)]
+
+        def lacking(tried: Array) -> Array:
+            return np.array([-_merit(one) for one in self.tuned(tried)])
+
+        found = scipy.optimize.differential_evolution(
+            lacking,
+            bounds,
+            rng=_SEED,
+            vectorized=True,
+            updating="deferred",
+            polish=False,
+            tol=1e-9,
+            maxiter=120,
+        )
+        (best,) = self.tuned(found.x[:, None])
+        return best if _merit(best) > 0.5 * _UNSTABLE else None
+
+    def refusal(self, best: TunedPID | None) -> Infeasible:
+        """What can be had in the place of what was asked for, and what bounds it."""
+        must = f"must have margins of {self.phase_margin:g} degrees, of a factor {self.gain_margin:g} and of a modulus "
+        must += f"of {self.modulus:g}" + (
+            "" if self.crossover is None else f" at a crossover of {self.crossover:g} Hz"
+        )
+        received, remedy = "no stable loop under a PID controller", "sample faster, or shorten the delay"
+        if best is not None:
+            m = best.margins
+            received = f"{m.phase:.3g} degrees at the nearest, factors {m.gain_down:.3g} to {m.gain_up:.3g}, modulus "
+            received += f"{m.modulus:.3g}, crossover {m.crossover:.3g} Hz"
+            remedy = f"ask for less, {remedy}"
+        fastest = float(np.log(np.abs(scipy.linalg.eigvals(self.plant.A)).max())) / self.Ts
+        if fastest * self.Ts > 1e-9:
+            received += f"; the plant is unstable, with a pole of {fastest:.3g} 1/s"
+        return Infeasible(Problem("tune_pid(plant)", must, received, remedy), reachable=best)
+
+
+def _merit(tuned: TunedPID) -> float:
+    if tuned.largest_pole >= 1.0:
+        return _UNSTABLE * tuned.largest_pole
+    if tuned.share < 1.0:
+        return _WITHOUT_MARGINS + tuned.share
+    return float(np.log(tuned.pid.Kc / tuned.pid.Ti))
