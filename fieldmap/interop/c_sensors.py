@@ -94,7 +94,7 @@ def write_c_sensors(field_map: FieldMap, path: PathLike) -> tuple[Path, ...]:
         written.append(
             write_whole(target.with_suffix(".fmap"), map_bytes(block, sensors.names, False), "map for C")
         )
-    rows = ",\n".join("    " + "{{{}}}, {{{}}}".format(*map(_row, (row[:3], row[3:]))) for row in core.places)
+    rows = ",\n".join(f"    {{{{{_row(row[:3])}}}, {{{_row(row[3:])}}}}}" for row in core.places)
     text = f"""/* Field sensors, written by fieldmap: {", ".join(sensors.names)}.
  * Set .answers of a copy to the map beside this file. */
 #include "field_sensors.h"
