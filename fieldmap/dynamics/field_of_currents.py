@@ -26,12 +26,11 @@ from fieldmap.lookup import (
     saturates,
     table_of_currents,
     tangent_block,
-    tangent_mix,
     unit_block,
 )
 from fieldmap.lookup.current_solver import COMPILED_TOLERANCE
 from fieldmap.lookup.evaluation import MapReaction, core_of
-from fieldmap.lookup.iron_response import compiled_currents
+from fieldmap.lookup.iron_response import compiled_currents, tangent_mix
 from fieldmap.reaction import IN_WORDS
 from fieldmap.records import Record
 from fieldmap.store import Grid, MapData, Provenance

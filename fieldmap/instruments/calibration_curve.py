@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 from fieldmap.arguments import check, check_count, check_numbers, check_ordered, check_signal
 from fieldmap.core.field_sensors import CoreCurve
 from fieldmap.field import coil_currents
-from fieldmap.lookup import FieldMap, MagneticBody, tangent_mix
+from fieldmap.lookup import FieldMap, MagneticBody
+from fieldmap.lookup.iron_response import tangent_mix
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -68,7 +69,18 @@ class CalibrationCurve(Record):
         return found.reshape(given.shape)
 
     def slope_at(self, height: float) -> float:
-        """dz/dr, m/T, at a height, m: what turns noise of the reading into noise of the height."""
+        """What turns noise of the reading into noise of the height.
+
+        Parameters
+        ----------
+        height
+            m.
+
+        Returns
+        -------
+        float
+            dz/dr, m/T, linear between the points of the curve.
+        """
         order = np.argsort(self.heights)
         return float(np.interp(height, self.heights[order], self.slopes[order]))
 

@@ -22,7 +22,6 @@ from fieldmap.lookup.iron_response import (
     saturates,
     table_of_currents,
     tangent_block,
-    tangent_mix,
     unit_block,
 )
 from fieldmap.lookup.magnetic_body import MagneticBody
@@ -63,7 +62,6 @@ __all__ = [
     "soft_sphere_force",
     "table_of_currents",
     "tangent_block",
-    "tangent_mix",
     "unit_block",
     "volume_rule",
     "wrench_actuation",
