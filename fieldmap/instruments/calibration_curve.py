@@ -65,7 +65,7 @@ class CalibrationCurve(Record):
         coils = len(self.per_ampere)
         amperes = check_signal("CalibrationCurve.height(currents)", np.atleast_1d(currents), columns=coils)
         found = np.empty(flat.size)
-        self.core.find(flat, np.array(np.broadcast_to(amperes, (flat.size, coils))), found)
+        self.core.find(flat, np.ascontiguousarray(np.broadcast_to(amperes, (flat.size, coils))), found)
         return found.reshape(given.shape)
 
     def slope_at(self, height: float) -> float:
