@@ -20,7 +20,7 @@ from fieldmap.cli.solve import FORMS_IN_WORDS
 from fieldmap.records import count_of
 
 if TYPE_CHECKING:
-    from fieldmap.io.map_summary import MapSummary
+    from fieldmap.io.map_summary import MapSummary, SensorOfMap
     from fieldmap.levitation.comparison import LiftAtHeight, ShiftBesideMeasured
     from fieldmap.plot.map_pictures import MapPicture
     from fieldmap.typing import PathLike
@@ -150,6 +150,8 @@ def _facts(summary: MapSummary) -> Iterator[tuple[str, str]]:
         yield "field", _middle(summary)
     if summary.lift_missing:
         yield "lift current", summary.lift_missing
+    for sensor in summary.sensors:
+        yield f"sensor {sensor.name}", _sensor(summary, sensor)
     yield "file", f"{summary.size / 1e6:.2f} MB, made {record.created}"
     if summary.domain is not None:
         yield "cost", _cost(solver)
@@ -196,6 +198,18 @@ def _middle(summary: MapSummary) -> str:
     middle = summary.middle
     flux, slope = 1e3 * middle.Bz[0], 1e3 * middle.dBz_dz[0]
     return f"Bz {flux:.4f} mT, dBz/dz {slope:.3f} mT/m at {page.place(middle.at)} mm with {reference_words(summary)}"
+
+
+def _sensor(summary: MapSummary, sensor: SensorOfMap) -> str:
+    from fieldmap.io.accuracy_words import reference_words
+
+    currents = "1 A in every coil" if summary.domain is None else reference_words(summary)
+    axis = ", ".join(f"{x:.3g}" for x in sensor.axis)
+    payload = ""
+    if sensor.of_payload is not None:
+        payload = f", payload at {page.place(summary.middle.at)} mm {1e3 * sensor.of_payload:+.3f} mT"
+    at = f"at {page.place(sensor.position)} mm along ({axis})"
+    return f"{at}: {1e3 * sensor.of_currents:.3f} mT with {currents}{payload}"
 
 
 def _without_currents(summary: MapSummary) -> str:

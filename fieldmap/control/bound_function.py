@@ -130,13 +130,16 @@ def _overrun(inside: Array) -> int | None:
     return int(beside[np.argmin(np.abs(beside - 0.5 * len(inside)))]) if len(beside) else None
 
 
-def written_beside(time: float, state: Array, given: Array, outputs: Array) -> Problem | None:
+def written_beside(
+    time: float, state: Array, given: Array, outputs: Array, measured: slice = slice(3, 6)
+) -> Problem | None:
     """What a compiled function wrote beside its arrays by a time, s; None where it kept to them. All of `guarded`;
-    given (7,): reference and measured, and a number more."""
-    for name, array, first in (("state", state, 0), ("outputs", outputs, 0), ("measured", given, 3)):
+    given (7,) or longer: what a loop sees, of which the function gets `measured`, and the first three as reference."""
+    arrays = (("state", state, 0), ("outputs", outputs, 0), ("measured", given, measured.start))
+    for name, array, first in arrays:
         index = _overrun(array)
         if index is not None:
-            size = len(array) if first == 0 else 3
+            size = measured.stop - first if name == "measured" else len(array)
             must = f"must write within {name}, which has {count_of(size, 'number', 'numbers')}"
             remedy = _more_state(size) if name == "state" else "look for the index that goes too far"
             received = f"a write to {name}[{index - first}]"

@@ -4,7 +4,8 @@
     int function(double time, const double *measured, const double *reference,          C
                  double *state, double *outputs)
 
-time, s, of the sample; measured, reference (3,): of the sensed point, m, frame of the map, as the sensors give it;
+time, s, of the sample; measured, reference (3,): of the sensed point, m, frame of the map, as the sensors give it; of
+field sensors without an estimator measured (s + n,) are their readings, T, and the currents of the coils, A;
 state (n,): the function's own, kept from sample to sample; outputs (m,).
 """
 
@@ -131,13 +132,15 @@ class FunctionController(Record):
         nothing = np.zeros((outputs, SIGNALS))
         return state_block((), (), (), nothing, lower=self.lower, upper=self.upper).arrays
 
-    def bound(self, names: Sequence[str]) -> BoundFunction:
+    def bound(self, names: Sequence[str], measured: int = 3) -> BoundFunction:
         """The function for one run.
 
         Parameters
         ----------
         names
             Names of the outputs.
+        measured
+            How many numbers it is given as measured.
 
         Returns
         -------
@@ -151,12 +154,13 @@ class FunctionController(Record):
         """
         function, states = self.function, len(self.memory)
         if self.form == "python":
-            return _PythonFunction(function, len(names), states)
+            return _PythonFunction(function, measured, len(names), states)
         if self.form == "numba":
             kept = self._compiled  # type: ignore[attr-defined]
-            if len(names) not in kept:
-                kept[len(names)] = _about_numba().JittedFunction(function, names, states)
-            return kept[len(names)]
+            sizes = measured, len(names)
+            if sizes not in kept:
+                kept[sizes] = _about_numba().JittedFunction(function, measured, names, states)
+            return kept[sizes]
         if isinstance(function, _CPointer):
             return BoundFunction(ctypes.cast(function, ctypes.c_void_p).value or 0, function)
         # One that numba compiled says its address.
@@ -224,8 +228,8 @@ def _check_ctypes(function: Any) -> None:
 class _PythonFunction(BoundFunction):
     """A Python callable, called back from the loop, which holds the interpreter's lock for that long only."""
 
-    def __init__(self, function: Callable[..., Any], outputs: int, states: int) -> None:
-        self._function, self._sizes = function, (3, 3, states, outputs)
+    def __init__(self, function: Callable[..., Any], measured: int, outputs: int, states: int) -> None:
+        self._function, self._sizes = function, (measured, 3, states, outputs)
         self._views: list[Array] = []
         self._error: BaseException | None = None
         self._shape = ""

@@ -24,14 +24,14 @@ C_SIGNATURE = types.intc(types.float64, _POINTER, _POINTER, _POINTER, _POINTER)
 """Of a C function that is a controller, as `numba.cfunc` takes it."""
 _VECTOR = types.Array(types.float64, 1, "C")
 ARGUMENTS = (types.float64, _VECTOR, _VECTOR, _VECTOR)
-"""What a jitted function is called with: time, measured (3,), reference (3,), state (n,)."""
+"""What a jitted function is called with: time, measured, reference (3,), state (n,)."""
 
 
 class JittedFunction(BoundFunction):
     """A function jitted by numba with its indices checked, compiled for the loop. Raises InputError where it does not
     compile, or does not give outputs of these names."""
 
-    def __init__(self, function: Any, names: Sequence[str], states: int) -> None:
+    def __init__(self, function: Any, measured: int, names: Sequence[str], states: int) -> None:
         self._function = checked = with_checked_indices(function)
         try:
             if ARGUMENTS not in checked.overloads:
@@ -47,10 +47,10 @@ class JittedFunction(BoundFunction):
             raise InputError(wrong_outputs(WHERE, names, f"{returned}"))
 
         @cfunc(C_SIGNATURE)
-        def entry(time, measured, reference, state, out):
+        def entry(time, seen, reference, state, out):
             answer = FAILED
             try:
-                found = checked(time, carray(measured, 3), carray(reference, 3), carray(state, states))
+                found = checked(time, carray(seen, measured), carray(reference, 3), carray(state, states))
                 answer = fill(found, carray(out, outputs))
             except Exception:
                 answer = FAILED

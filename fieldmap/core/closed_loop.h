@@ -11,7 +11,9 @@
 #ifndef FIELDMAP_CLOSED_LOOP_H
 #define FIELDMAP_CLOSED_LOOP_H
 
+#include "calibration_curve.h"
 #include "controller.h"
+#include "field_sensors.h"
 #include "inverse.h"
 
 /* Events that end a run. FIELDMAP_GOES_ON is no event. FIELDMAP_PAUSED is no end: the caller must give the outputs of the next
@@ -26,7 +28,8 @@ enum {
 enum { FIELDMAP_BEYOND = 8 };
 
 /* A controller function of the caller. It fills the outputs, may change its state, and returns 0. Any other number ends the
- * run. */
+ * run. measured: position of the sensed point; with field sensors and no estimator their readings, T, and the measured
+ * currents, A. */
 typedef int fieldmap_control_function(
     double time, const double *measured, const double *reference, double *state, double *outputs);
 
@@ -38,6 +41,20 @@ typedef struct fieldmap_sensing {
     int latency, averages[3];
     fieldmap_chain chains[3];
 } fieldmap_sensing;
+
+/* Field sensors in the place of the position sensors; none if their count is 0. chains: the electronics of each, from a flux
+ * density, T, to the one that the controller reads. latency: samples by which readings come late, with the currents of that
+ * moment. noise[samples * (2 * count + n_coils)]: of the elements, T, of their converters, V, and of the measured currents, A.
+ * history[(latency + 1) * (count + n_coils)]: readings and measured currents of the last samples. curve: finds the height of
+ * the sensed point from sensor `sensor`; x and y are taken to be `beside`. NULL: there is no estimator. */
+typedef struct fieldmap_field_sensing {
+    fieldmap_field_sensors sensors;
+    const fieldmap_chain *chains;
+    int latency, sensor;
+    const double *noise;
+    double *history, beside[2];
+    const fieldmap_calibration_curve *curve;
+} fieldmap_field_sensing;
 
 /* State of a run. samples, steps, rows: numbers of control samples, mechanical steps and recorded rows so far. held: number of
  * consecutive periods in which a limit was active. sensed: whether the next sample is sensed already. answer: the number that
@@ -60,14 +77,15 @@ typedef struct fieldmap_progress {
  * scans[3 * n_scans]: the caller puts the noise there, and the run adds the readings.
  *
  * The run advances state, currents, memory and load. commands: the present commanded currents; waiting: those of the last
- * sample; late: those of the sample before. signals: input of the controller, reference and measured position first. scratch:
- * as long as the memory and twice the outputs. rows: at most max_rows rows of state, currents, commands, measured position and
- * outputs. */
+ * sample; late: those of the sample before. signals: input of the controller, reference and measured position first, and behind
+ * it the readings of field sensors and the measured currents. scratch: as long as the memory and twice the outputs. rows: at
+ * most max_rows rows of state, currents, commands, measured position and outputs. */
 typedef struct fieldmap_loop {
     fieldmap_machine *machine;
     double step;
     int64_t per_period, delay, every, contacts, longest_saturation;
     fieldmap_sensing sensing;
+    fieldmap_field_sensing field_sensing;
     const fieldmap_controller *controller;
     fieldmap_control_function *function;
     int given, memory_size;
@@ -114,12 +132,39 @@ static inline void fieldmap_add_scans(fieldmap_loop *loop, const double *before,
     loop->progress->scan = k;
 }
 
+/* Read the field sensors at a sample, and fill the measured position in the signals of the controller, NaN without an
+ * estimator, and the readings and currents behind the signals. */
+static inline void fieldmap_sense_field(fieldmap_loop *loop, int64_t sample)
+{
+    const fieldmap_field_sensing *sensing = &loop->field_sensing;
+    const fieldmap_machine *machine = loop->machine;
+    const int count = sensing->sensors.count, n = machine->n_coils, width = count + n, rows = sensing->latency + 1;
+    const int64_t late = sample > sensing->latency ? sample - sensing->latency : 0;
+    const double *noise = sensing->noise + sample * (2 * count + n);
+    double *now = sensing->history + sample % rows * width, *seen = loop->signals + FIELDMAP_SIGNALS, r[9];
+    int k;
+    fieldmap_rotation(loop->state->turn, r);
+    fieldmap_read_sensors(&sensing->sensors, &machine->field, &machine->body.magnetic, loop->state->position, r, now);
+    for (k = 0; k < count; k++) now[k] = fieldmap_measure(sensing->chains + k, now[k] + noise[k], noise[count + k]);
+    for (k = 0; k < n; k++) now[count + k] = loop->currents[k] + noise[2 * count + k];
+    for (k = 0; k < width; k++) seen[k] = sensing->history[late % rows * width + k];
+    for (k = 0; k < 2; k++) loop->signals[3 + k] = sensing->beside[k];
+    loop->signals[5] = sensing->curve == NULL
+        ? NAN
+        : fieldmap_height_of_reading(sensing->curve, seen[sensing->sensor], seen + count);
+}
+
 /* Measure the sensed point at a sample, and fill the reference and the measured position in the signals of the controller. */
 static inline void fieldmap_sense(fieldmap_loop *loop, int64_t sample, double time)
 {
     const fieldmap_sensing *sensing = &loop->sensing;
     double point[3], read[3], seen[3];
     int i;
+    for (i = 0; i < 3; i++) loop->signals[i] = loop->references[3 * sample + i];
+    if (loop->field_sensing.sensors.count > 0) {
+        fieldmap_sense_field(loop, sample);
+        return;
+    }
     fieldmap_sensed_point(loop->machine, loop->state, point);
     for (i = 0; i < 3; i++) {
         double value = sensing->shift[i] + loop->noise[3 * sample + i] + fieldmap_dot(sensing->into + 3 * i, point);
@@ -129,18 +174,20 @@ static inline void fieldmap_sense(fieldmap_loop *loop, int64_t sample, double ti
         read[i] = fieldmap_measure(sensing->chains + i, value, loop->voltage_noise[3 * sample + i]) - sensing->shift[i];
     }
     fieldmap_to_map(sensing->back, read, seen);
-    for (i = 0; i < 3; i++) loop->signals[i] = loop->references[3 * sample + i], loop->signals[3 + i] = seen[i];
+    for (i = 0; i < 3; i++) loop->signals[3 + i] = seen[i];
 }
 
 /* Fill the outputs of the controller function or of the caller, with feed-forward and limits. Returns an event. */
 static inline int fieldmap_own_outputs(fieldmap_loop *loop, double time, const double *feedforward, int *held)
 {
     const fieldmap_controller *limits = loop->controller;
+    const int estimated = loop->field_sensing.sensors.count == 0 || loop->field_sensing.curve != NULL;
+    const double *measured = loop->signals + (estimated ? 3 : FIELDMAP_SIGNALS);
     int j;
     if (loop->function != NULL) {
         /* If the function fails, the caller shows the memory that it was called with. */
         for (j = 0; j < loop->memory_size; j++) loop->scratch[j] = loop->memory[j];
-        loop->progress->answer = loop->function(time, loop->signals + 3, loop->signals, loop->memory, loop->outputs);
+        loop->progress->answer = loop->function(time, measured, loop->signals, loop->memory, loop->outputs);
         if (loop->progress->answer != 0) return FIELDMAP_CONTROLLER_FAILED;
     }
     for (j = 0; j < limits->outputs; j++) {

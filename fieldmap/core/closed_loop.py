@@ -5,6 +5,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fieldmap.core.controller import SIGNALS
+from fieldmap.core.field_sensors import FieldSensing
 from fieldmap.core.library import LIBRARY
 from fieldmap.core.machine import Allocation, InverseMap
 from fieldmap.typing import Array
@@ -27,13 +29,26 @@ class Timing(NamedTuple):
 class Sensing(NamedTuple):
     """into (3, 3), shift (3,): an ideal sensor reads into p + shift; chains (3, 10): as fieldmap_chain (instruments.h),
     positions in readings; back (3, 3): the inverse of into; scan (5,): s from scan to scan, 0 for no scanning; scans by
-    which a mean comes late; scans whose mean each shows."""
+    which a mean comes late; scans whose mean each shows. field: sensors that the loop reads in the place of these."""
 
     into: Array
     shift: Array
     chains: Array
     back: Array
     scan: Array
+    field: FieldSensing | None = None
+
+    @property
+    def shown(self) -> int:
+        """How many readings and measured currents of field sensors the loop shows behind its signals."""
+        return 0 if self.field is None else self.field.history.shape[1]
+
+    @property
+    def measured(self) -> slice:
+        """Where the numbers that a controller function gets lie in what is seen."""
+        if self.field is None or self.field.curve is not None:
+            return slice(3, 6)
+        return slice(SIGNALS, SIGNALS + self.shown)
 
 
 class Ending(NamedTuple):
@@ -45,7 +60,9 @@ class Ending(NamedTuple):
 
 class Signals(NamedTuple):
     """References (p, 3), feed-forward (p, m), loads (p or 1, 6: disturbing force and torque), noise of the position
-    (p, 3), of the input converters (p, 3), of the currents (p, n); scans (k, 3), which hold their noise."""
+    (p, 3), of the input converters (p, 3), of the currents (p, n); scans (k, 3), which hold their noise;
+    field_noise (p, 2 s + n) of s field sensors, T, their converters, V, and the measured currents, A; (p, 0)
+    without."""
 
     references: Array
     feedforward: Array
@@ -54,6 +71,7 @@ class Signals(NamedTuple):
     voltage_noise: Array
     current_noise: Array
     scans: Array
+    field_noise: Array
 
 
 class ControlLaw(NamedTuple):
@@ -85,8 +103,8 @@ class Progress(NamedTuple):
 class Loop(NamedTuple):
     """A run, which is advanced in place. machine: of a `CoreMachine`; state (13,), currents (n,), memory of the
     controller, load (6,). progress: the numbers of `Progress`. Room: commands now, those that wait, and those before
-    (n,) each; seen (7,): as a controller takes it; outputs (m,), scratch (memory + 2 m,), voltages (n,). rows (r, 13 +
-    2 n + 3 + m): state, currents, commands, what is seen, outputs."""
+    (n,) each; seen (7,): as a controller takes it, and (s + n,) of field sensors behind it; outputs (m,), scratch
+    (memory + 2 m,), voltages (n,). rows (r, 13 + 2 n + 3 + m): state, currents, commands, what is seen, outputs."""
 
     machine: Any
     timing: Timing

@@ -10,6 +10,7 @@
 #include "python_caller.h"
 #include "python_closed_loop.h"
 #include "python_controller.h"
+#include "python_field_sensors.h"
 #include "python_instruments.h"
 #include "python_iron.h"
 #include "python_least_power.h"
@@ -50,7 +51,8 @@ static PyObject *level(PyObject *self, PyObject *const *args, Py_ssize_t given)
 #define FUNCTION(name) {#name, (PyCFunction)(void (*)(void))name, METH_FASTCALL, NULL}
 
 static PyMethodDef functions[] = {
-    FUNCTION(level), MAP_FUNCTIONS, BODY_FUNCTIONS, CALLER_FUNCTIONS, CLOSED_LOOP_FUNCTIONS, CONTROLLER_FUNCTIONS, INSTRUMENT_FUNCTIONS,
+    FUNCTION(level), MAP_FUNCTIONS, BODY_FUNCTIONS, CALLER_FUNCTIONS, CLOSED_LOOP_FUNCTIONS, CONTROLLER_FUNCTIONS, FIELD_SENSOR_FUNCTIONS,
+    INSTRUMENT_FUNCTIONS,
     IRON_FUNCTIONS, LEAST_POWER_FUNCTIONS, MACHINE_FUNCTIONS, MUJOCO_FUNCTIONS, SAMPLED_LOOP_FUNCTIONS, SEVERAL_BODIES_FUNCTIONS, TABLE_FUNCTIONS,
     {NULL, NULL, 0, NULL}};
 

@@ -7,7 +7,7 @@
 
 #include "closed_loop.h"
 #include "python_controller.h"
-#include "python_machine.h"
+#include "python_field_sensors.h"
 
 static void read_allocation(reader given, fieldmap_allocation *out, int coils)
 {
@@ -71,8 +71,33 @@ static void read_timing(reader given, fieldmap_loop *out)
     if (out->every < 1) out->every = 1;
 }
 
-static void read_sensing(reader given, fieldmap_sensing *out)
+/* Field sensors, or None. curve: where the calibration curve is kept. */
+static void read_field_sensing(reader *from, fieldmap_loop *out, fieldmap_calibration_curve *curve)
 {
+    fieldmap_field_sensing *sensing = &out->field_sensing;
+    PyObject *value = value_of(from, "field"), *given_curve;
+    reader given = attributes_of(from, value);
+    int width;
+    if (value == NULL || value == Py_None || out->machine == NULL) return;
+    read_field_sensors(part_of(&given, "sensors"), fieldmap_sets(out->machine->field.map), &sensing->sensors);
+    width = sensing->sensors.count + out->machine->n_coils;
+    sensing->chains = (const fieldmap_chain *)numbers_of(&given, "chains", 2, CHAIN_NUMBERS * sensing->sensors.count).at;
+    sensing->latency = (int)whole_of(&given, "latency"), sensing->sensor = (int)whole_of(&given, "sensor");
+    copy_of(&given, "beside", 1, 2, sensing->beside);
+    require(sensing->latency >= 0 && sensing->sensor >= 0 && sensing->sensor < sensing->sensors.count, PyExc_ValueError,
+            "latency must not be negative, sensor the number of one of the sensors");
+    if (PyErr_Occurred()) return;
+    sensing->history = filled_of(&given, "history", (npy_intp)(sensing->latency + 1) * width);
+    given_curve = value_of(&given, "curve");
+    if (given_curve == NULL || given_curve == Py_None) return;
+    read_calibration_curve(attributes_of(&given, given_curve), curve);
+    require(curve->n_coils == out->machine->n_coils, PyExc_ValueError, "the curve has other coils than the machine");
+    sensing->curve = curve;
+}
+
+static void read_sensing(reader given, fieldmap_loop *loop, fieldmap_calibration_curve *curve)
+{
+    fieldmap_sensing *out = &loop->sensing;
     double scan[5] = {0.0};
     int k;
     copy_of(&given, "into", 2, 9, out->into);
@@ -82,6 +107,7 @@ static void read_sensing(reader given, fieldmap_sensing *out)
     copy_of(&given, "chains", 2, 30, (double *)out->chains);
     out->scan_time = scan[0], out->latency = (int)scan[1];
     for (k = 0; k < 3; k++) out->averages[k] = scan[2 + k] < 1.0 ? 1 : (int)scan[2 + k];
+    read_field_sensing(&given, loop, curve);
 }
 
 /* The control law: address of a function, 0 for none, -1 for outputs that are given; controller, allocation, inverse. */
@@ -106,7 +132,7 @@ static void read_signals(reader given, fieldmap_loop *out, npy_intp coils, npy_i
 {
     const number_array references = points_of(&given, "references"), loads = numbers_of(&given, "loads", 2, ANY);
     const number_array scans = filled_numbers(&given, "scans", 2, ANY);
-    const npy_intp samples = references.shape[0];
+    const npy_intp samples = references.shape[0], sensors = out->field_sensing.sensors.count;
     out->samples = samples, out->disturbed = loads.shape[0], out->n_scans = scans.shape[0];
     require(loads.size == 6 * loads.shape[0] && scans.size == 3 * scans.shape[0], PyExc_TypeError,
             "loads must be (p or 1, 6), scans (k, 3)");
@@ -118,12 +144,14 @@ static void read_signals(reader given, fieldmap_loop *out, npy_intp coils, npy_i
     out->noise = numbers_of(&given, "noise", 2, 3 * samples).at;
     out->voltage_noise = numbers_of(&given, "voltage_noise", 2, 3 * samples).at;
     out->current_noise = numbers_of(&given, "current_noise", 2, coils * samples).at;
+    out->field_sensing.noise = numbers_of(&given, "field_noise", 2, sensors == 0 ? 0 : (2 * sensors + coils) * samples).at;
 }
 
 /* What moves, and the room of a run. */
 static void read_room(reader *given, fieldmap_loop *out, npy_intp coils, npy_intp outputs)
 {
     const number_array memory = filled_numbers(given, "memory", 1, ANY), rows = filled_numbers(given, "rows", 2, ANY);
+    const npy_intp sensors = out->field_sensing.sensors.count;
     out->memory_size = (int)memory.size, out->memory = memory.at;
     out->max_rows = rows.shape[0], out->rows = rows.at;
     require(out->function != NULL || out->given || out->controller == NULL || memory.size == out->controller->states,
@@ -135,7 +163,7 @@ static void read_room(reader *given, fieldmap_loop *out, npy_intp coils, npy_int
             "progress must not be negative");
     out->state = state_of(given, "state");
     out->load = filled_of(given, "load", 6);
-    out->signals = filled_of(given, "seen", FIELDMAP_SIGNALS);
+    out->signals = filled_of(given, "seen", FIELDMAP_SIGNALS + (sensors == 0 ? 0 : sensors + coils));
     out->outputs = filled_of(given, "outputs", outputs);
     out->scratch = filled_of(given, "scratch", memory.size + 2 * outputs);
     out->currents = filled_of(given, "currents", coils);
@@ -145,14 +173,14 @@ static void read_room(reader *given, fieldmap_loop *out, npy_intp coils, npy_int
     out->voltages = filled_of(given, "voltages", coils);
 }
 
-static void read_loop(reader given, fieldmap_loop *out, fieldmap_inverse_map *inverse)
+static void read_loop(reader given, fieldmap_loop *out, fieldmap_inverse_map *inverse, fieldmap_calibration_curve *curve)
 {
     npy_intp coils, outputs;
     reader ending = part_of(&given, "ending");
     out->contacts = whole_of(&ending, "contacts"), out->longest_saturation = whole_of(&ending, "longest_saturation");
     out->machine = machine_of(&given);
     read_timing(part_of(&given, "timing"), out);
-    read_sensing(part_of(&given, "sensing"), &out->sensing);
+    read_sensing(part_of(&given, "sensing"), out, curve);
     read_law(part_of(&given, "law"), out, inverse);
     if (PyErr_Occurred()) return;
     coils = out->machine->n_coils, outputs = out->controller->outputs;
@@ -165,9 +193,10 @@ static PyObject *with_loop(PyObject *const *args, Py_ssize_t given, int (*functi
 {
     reader from = arguments(args, given, 1);
     fieldmap_inverse_map inverse;
+    fieldmap_calibration_curve curve;
     fieldmap_loop loop = {0};
     int event = 0;
-    read_loop(part_of(&from, "loop"), &loop, &inverse);
+    read_loop(part_of(&from, "loop"), &loop, &inverse, &curve);
     if (!PyErr_Occurred()) {
         Py_BEGIN_ALLOW_THREADS
         event = function(&loop);

@@ -38,6 +38,7 @@ from fieldmap.dynamics.field_of_currents import (
     superposed,
     tabled,
 )
+from fieldmap.dynamics.field_sensing import FieldSensors
 from fieldmap.dynamics.linear_loop import close_loop, margins, sampled_machine
 from fieldmap.dynamics.linearisation import LinearMachine, controllability, coupling, linearise, modes
 from fieldmap.dynamics.loop_run import Event, LevitationRun
@@ -75,6 +76,7 @@ __all__ = [
     "Drag",
     "Event",
     "FieldOfCurrents",
+    "FieldSensors",
     "FixedCurrentsRun",
     "LevitationRun",
     "LinearMachine",

@@ -23,6 +23,7 @@ from fieldmap.core.controller import SIGNALS, CoreController
 from fieldmap.core.library import LIBRARY
 from fieldmap.core.machine import STATE, CoreMachine, sensed_point
 from fieldmap.dynamics.allocation import MatrixAllocation
+from fieldmap.dynamics.field_sensing import FieldSensors
 from fieldmap.dynamics.loop_run import Event, IronUse, LevitationRun, PartsOfState, event_of
 from fieldmap.dynamics.machine import CONTACTS, Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
@@ -130,7 +131,7 @@ def simulate_closed_loop(
     bound = None
     if isinstance(controller, FunctionController):
         machine = machine_for(machine, controller.gives)
-        bound = controller.bound(machine.allocation.output_names)
+        bound = controller.bound(machine.allocation.output_names, measured_by(machine))
         law = function_law(machine, bound.address, controller)
     else:
         count = len(machine.allocation.output_names)
@@ -147,7 +148,8 @@ def simulate_closed_loop(
     run = run_of(machine, schedule, begun, event)
     if isinstance(controller, FunctionController) and bound is not None:
         run = replace(run, assumptions=(*run.assumptions, controller.assumption))
-        problem = written_beside(loop.time, loop.memory, loop.seen, loop.outputs)
+        seen = loop.seen, loop.outputs, loop.sensing.measured
+        problem = written_beside(loop.time, loop.memory, *seen)
         if problem is not None:
             raise ControllerError(problem, time=loop.time, run=run)
         if event in (LIBRARY.CONTROLLER_FAILED, LIBRARY.OUTPUTS_NOT_FINITE):
@@ -164,6 +166,12 @@ def machine_for(machine: Machine, gives: str) -> Machine:
     names = tuple(f"coil_{k + 1}_{unit}" for k in range(n))
     direct = MatrixAllocation(np.eye(n) / gain, np.full(n, -offset / gain), names)
     return replace(machine, allocation=direct)
+
+
+def measured_by(machine: Machine) -> int:
+    """How many numbers a controller function is given as measured."""
+    part = machine.sensors.numbers.measured
+    return int(part.stop - part.start)
 
 
 def function_law(machine: Machine, address: int, controller: FunctionController) -> compiled.ControlLaw:
@@ -188,7 +196,7 @@ def start_loop(
     check(amperes.shape == (n,), f"{_WHERE}(currents)", f"must be ({n},)", amperes.shape, "one per coil")
     must = f"must have the {coils} coils of its allocation"
     check(coils == n, f"{_WHERE}(machine)", must, n, "take one for these coils")
-    core, search = machine.core(schedule.step), None
+    core, search, sensing = machine.core(schedule.step), None, machine.sensors.numbers
     if law.inverse is not None:
         # A search for outputs takes slopes by differences, for which the solves of a run are too coarse.
         search = machine.core(schedule.step, search=True)
@@ -196,7 +204,7 @@ def start_loop(
     loop = compiled.Loop(
         machine=core.machine,
         timing=schedule.clock,
-        sensing=machine.sensors.numbers,
+        sensing=sensing,
         law=law,
         ending=machine.end_numbers(schedule.period),
         signals=draw_signals(machine, schedule, seed),
@@ -209,7 +217,7 @@ def start_loop(
         commands=amperes.copy(),
         waiting=amperes.copy(),
         late=amperes.copy(),
-        seen=guarded(np.ones(SIGNALS)),
+        seen=guarded(np.ones(SIGNALS + sensing.shown)),
         outputs=guarded(np.zeros(m)),
         scratch=np.zeros(len(memory) + 2 * m),
         voltages=np.zeros(n),
@@ -248,7 +256,7 @@ def controller_error(
 ) -> BaseException:
     """The error of a function that failed at the present sample of the loop, with the run up to that sample."""
     state = loop.scratch[: len(loop.memory)].copy()
-    given = loop.time, loop.seen[3:6].copy(), loop.seen[:3].copy(), state
+    given = loop.time, loop.seen[loop.sensing.measured].copy(), loop.seen[:3].copy(), state
     problem, cause = failure(bound, names, loop.done.answer, loop.outputs, given)
     if cause is not None and not isinstance(cause, Exception):
         return cause
@@ -265,7 +273,9 @@ def draw_signals(
     n, m = machine.drive.coils, len(machine.allocation.output_names)
     forward = np.zeros((periods, m)) if schedule.feedforward is None else schedule.feedforward
     loads = np.zeros((1, 6)) if schedule.loads is None else schedule.loads
-    shapes = ((periods, 3), (periods, 3), (periods, n), (sensors.scans(schedule.duration), 3))
+    deviations = sensors.field_deviations if isinstance(sensors, FieldSensors) else np.zeros(0)
+    scans = sensors.scans(schedule.duration)
+    shapes = ((periods, 3), (periods, 3), (periods, n), (scans, 3), (periods, len(deviations)))
     if seed is None:
         noise = [np.zeros(shape) for shape in shapes]
     else:
@@ -277,6 +287,7 @@ def draw_signals(
         noise[1] *= sensors.voltage_noise
         noise[2] *= machine.drive.amplifier.deviation
         noise[3] *= sensors.scan_deviations
+        noise[4] *= deviations
     return compiled.Signals(
         schedule.references,
         np.ascontiguousarray(check_signal("Schedule(feedforward)", forward, columns=m)),
@@ -496,6 +507,16 @@ class RunningMachine(PartsOfState):
     def measured(self) -> Array:
         """Position of the sensed point by the sensors (3,), m, frame of the map."""
         return np.array(self._loop.seen[3:6])
+
+    @property
+    def readings(self) -> Array:
+        """What field sensors show (s,), T; nothing of position sensors."""
+        return np.array(self._loop.seen[SIGNALS : len(self._loop.seen) - self.machine.drive.coils])
+
+    @property
+    def measured_currents(self) -> Array:
+        """Currents (n,), A, as they are measured with these readings."""
+        return np.array(self._loop.seen[SIGNALS + len(self.readings) :])
 
     @property
     def reference(self) -> Array:

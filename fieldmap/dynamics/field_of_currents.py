@@ -19,10 +19,18 @@ from fieldmap.core.iron import CoreIron
 from fieldmap.core.iron_numbers import core_numbers
 from fieldmap.core.machine import BodyNumbers, Plant
 from fieldmap.field import Field, require_affine, require_bounds
-from fieldmap.lookup import FieldMap, interpolate, saturates, table_of_currents, tangent_block, unit_block
+from fieldmap.lookup import (
+    FieldMap,
+    MapSensors,
+    interpolate,
+    saturates,
+    table_of_currents,
+    tangent_block,
+    unit_block,
+)
 from fieldmap.lookup.current_solver import COMPILED_TOLERANCE
 from fieldmap.lookup.evaluation import MapReaction, core_of
-from fieldmap.lookup.iron_response import compiled_currents
+from fieldmap.lookup.iron_response import compiled_currents, tangent_mix
 from fieldmap.reaction import IN_WORDS
 from fieldmap.records import Record
 from fieldmap.store import Grid, MapData, Provenance
@@ -42,7 +50,8 @@ class FieldOfCurrents(Record):
     state that solves of the model may leave, in the norm of the energy; constant: whether something that no current
     drives makes a field, too; iron: "linear", "linearised", "table" or "model"; remembered: what iron with hysteresis
     remembers where a run begins, of the C core; empty for other iron; loop: size of the loops, A, whose slopes linear
-    models take (`linearise`), None for slopes of small changes; reaction: of the iron to magnets."""
+    models take (`linearise`), None for slopes of small changes; reaction: of the iron to magnets; sensors: what field
+    sensors read of these fields, None of a map without."""
 
     block: Array
     assumptions: tuple[str, ...]
@@ -55,6 +64,7 @@ class FieldOfCurrents(Record):
     remembered: Array = field(default_factory=lambda: np.zeros(0))
     loop: float | None = None
     reaction: MapReaction | None = None
+    sensors: MapSensors | None = None
 
     @cached_property
     def map(self) -> CoreMap:
@@ -215,7 +225,10 @@ def linearised(
     about = ", ".join(f"{value:.3g}" for value in amperes)
     note = f"saturating iron, linearised about the currents {about} A"
     note += "" if loop is None else f", with slopes of loops of {loop:g} A"
-    return _following(field_map, scale, "linearised", note, tangent_block(field_map, amperes, loop))
+    found = _following(field_map, scale, "linearised", note, tangent_block(field_map, amperes, loop))
+    if field_map.sensors is None:
+        return found
+    return replace(found, sensors=field_map.sensors.mixed(tangent_mix(field_map, amperes, loop)))
 
 
 def modelled(field_map: FieldMap, scale: float = 1.0, loop: float | None = None) -> FieldOfCurrents:
@@ -327,4 +340,5 @@ def _following(
         constant=bool(field_map.fixed_sources),
         iron=iron,
         reaction=field_map.reaction,
+        sensors=field_map.sensors,
     )

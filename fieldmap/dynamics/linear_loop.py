@@ -172,7 +172,7 @@ def shares_of_the_past(sensors: Sensors, period: float) -> Array:
     if not sensors.scan_rate:
         return np.eye(3)[None]
     scan = 1.0 / sensors.scan_rate
-    into, _, _, back, _ = sensors.numbers
+    into, back = sensors.numbers.into, sensors.numbers.back
     count = int(np.ceil((2 * max(sensors.means) + sensors.latency) * scan / period)) + 2
     shares = np.zeros((count, 3))
     for axis, n in enumerate(sensors.means):
@@ -226,7 +226,7 @@ def sensor_answer(sensors: Sensors, rate: float) -> Complex:
     seen, (12) for each sensor along its own axis."""
     if not sensors.scan_rate:
         return np.eye(3)
-    into, _, _, back, _ = sensors.numbers
+    into, back = sensors.numbers.into, sensors.numbers.back
     return np.asarray(back @ np.diag([_mean_of_scans(sensors, n, rate) for n in sensors.means]) @ into)
 
 

@@ -35,7 +35,9 @@ UNITS = {
     "mT": 1e-3,
     "mT_per_m": 1e-3,
     "g_mm2": 1e-9,
-    **dict.fromkeys(("deg", "ohm", "T", "T_per_m", "A", "A_per_m", "A_per_V", "A_m2", "V", "N_s_per_m"), 1.0),
+    **dict.fromkeys(
+        ("deg", "ohm", "T", "T_per_m", "A", "A_per_m", "A_per_V", "A_m2", "V", "V_per_T", "N_s_per_m"), 1.0
+    ),
     **dict.fromkeys(("s", "Hz", "rad_per_s", "m_per_s2", "N_m_s", "N_m_s2", "N_s2_per_m2", "S_per_m"), 1.0),
 }
 """SI values of the units that keys end with."""

@@ -5,6 +5,7 @@ or a block of a simulation (what the controller sees), with noise from a seeded 
 Depends on: errors, arguments, core, lookup. Knows no particular card or rig: their numbers are the user's.
 """
 
+from fieldmap.instruments.calibration_curve import CalibrationCurve, calibrate
 from fieldmap.instruments.converter import Accuracy, Amplifier, Converter, absolute_accuracy
 from fieldmap.instruments.field_element import FieldElement, measured_readings
 from fieldmap.instruments.pose_estimation import (
@@ -30,6 +31,7 @@ from fieldmap.instruments.sensors import Micrometer, SensorFrame, watch
 __all__ = [
     "Accuracy",
     "Amplifier",
+    "CalibrationCurve",
     "Converter",
     "ErrorBudget",
     "FieldElement",
@@ -42,6 +44,7 @@ __all__ = [
     "SensorFrame",
     "TrackedPose",
     "absolute_accuracy",
+    "calibrate",
     "draw_noise",
     "driven_currents",
     "error_budget",

@@ -115,11 +115,26 @@ class ReactionOfMap(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class SensorOfMap(Record):
+    """A field sensor of a map.
+
+    position (3,), m; axis (3,), unit vector. of_currents: reading with 1 A in every coil, or at the reference currents
+    of a map of saturating iron, T. of_payload: what the payload's moment adds, upright in the middle of the box, T;
+    None without one."""
+
+    name: str
+    position: Array
+    axis: Array
+    of_currents: float
+    of_payload: float | None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class MapSummary(Record):
     """What `fieldmap info` prints. size: of the file, bytes; lift_source: where measured lift currents are printed;
     force_fit and shifts: beside what was measured on the machine, if anything was. lift_missing: why the currents that
     lift the payload were not computed; empty where they were, or there is no payload. reaction: of the iron to magnets;
-    None where the map does not hold it."""
+    None where the map does not hold it. sensors: of the device, in the order of `FieldMap.readings`."""
 
     path: Path
     size: int
@@ -132,6 +147,7 @@ class MapSummary(Record):
     shifts: tuple[ShiftBesideMeasured, ...] = ()
     lift_missing: str = ""
     reaction: ReactionOfMap | None = None
+    sensors: tuple[SensorOfMap, ...] = ()
 
     @property
     def lift_assumptions(self) -> tuple[str, ...]:
@@ -231,6 +247,7 @@ class MapSummary(Record):
             lift_assumptions=self.lift_assumptions,
             saturation=self.saturation,
             reaction=self.reaction,
+            sensors=self.sensors,
         )
 
     def _domain_items(self) -> dict[str, object] | None:
@@ -297,6 +314,7 @@ def summarise_map(path: PathLike) -> MapSummary:
         lift=(),
         lift_source="" if machine is None else machine.lift_source,
         reaction=_reaction(opened, payload),
+        sensors=_sensors(opened, payload),
     )
     return summary if payload is None else _with_lift(summary, opened, payload, machine)
 
@@ -338,6 +356,19 @@ def _reaction(opened: FieldMap, payload: Payload | None) -> ReactionOfMap | None
     pull = payload.moment * np.linalg.norm(slope[:, 2], axis=1)
     largest = int(pull.argmax())
     return ReactionOfMap(**known, pull=float(pull[largest]), at=points[largest])
+
+
+def _sensors(opened: FieldMap, payload: Payload | None) -> tuple[SensorOfMap, ...]:
+    sensors = opened.sensors
+    if sensors is None:
+        return ()
+    middle, moment = 0.5 * (opened.lower + opened.upper), payload.moment if payload else None
+    currents = 1.0 if opened.info.reduced_model is None else opened.info.reference_current
+    shares = opened.readings(middle, np.zeros(3), currents)
+    whole = opened.readings(middle, [0.0, 0.0, moment or 0.0], currents)
+    added = [float(value) if moment else None for value in whole - shares]
+    each = zip(sensors.names, sensors.positions, sensors.axes, shares.tolist(), added, strict=True)
+    return tuple(SensorOfMap(*one) for one in each)
 
 
 def middle_field(opened: FieldMap) -> MiddleField:

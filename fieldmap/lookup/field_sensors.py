@@ -7,9 +7,12 @@ at s and of the iron that answers to it. The derivatives by the pose are therefo
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
 from fieldmap.constants import MU0
+from fieldmap.core.field_sensors import CoreSensors
 from fieldmap.lookup.evaluation import MapFields
 from fieldmap.store import StoredSensors
 from fieldmap.typing import Array
@@ -28,6 +31,40 @@ class MapSensors:
     def __init__(self, stored: StoredSensors, answers: MapFields | None) -> None:
         self.names, self.positions, self.axes = stored.names, stored.positions, stored.axes
         self._shares, self._answers = stored.shares, answers
+
+    @property
+    def shares(self) -> Array:
+        """Readings (s, n_fields) of the map's fields at weight 1, T; T/A of coils."""
+        return self._shares
+
+    @property
+    def answers(self) -> MapFields | None:
+        """The iron's answers to dipoles of 1 A m^2 in the sensors, one field each; None without iron."""
+        return self._answers
+
+    @property
+    def core(self) -> CoreSensors:
+        """The sensors as the C core reads them."""
+        places = np.ascontiguousarray(np.concatenate([self.positions, self.axes], axis=1), dtype=np.float64)
+        answers = None if self._answers is None else self._answers.core.map
+        return CoreSensors(places, np.ascontiguousarray(self._shares, dtype=np.float64), answers)
+
+    def mixed(self, mix: Array) -> MapSensors:
+        """The sensors in a field of other fields.
+
+        Parameters
+        ----------
+        mix
+            (m, n_fields): combinations of the map's fields, one a row.
+
+        Returns
+        -------
+        MapSensors
+            Sensors with shares (s, m).
+        """
+        found = copy(self)
+        found._shares = self._shares @ mix.T
+        return found
 
     def of_currents(self, weights: Array) -> Array:
         """The share of coils, iron, magnets of the machine, and background.

@@ -203,13 +203,19 @@ def tangent_block(field_map: FieldMap, currents: ArrayLike, loop: float | None =
     InputError
         As `iron_weights`.
     """
+    return _mixed(unit_block(field_map), tangent_mix(field_map, currents, loop))
+
+
+def tangent_mix(field_map: FieldMap, currents: ArrayLike, loop: float | None = None) -> Array:
+    """The fields of `tangent_block` as combinations (n_coils + 1, n_fields) of the map's. Arguments and errors are
+    those of `tangent_block`."""
     amperes = coil_currents(currents, field_map.coil_names)
     values, slopes = iron_weights(field_map, amperes[None], loop)
     n = len(amperes)
     mix = np.zeros((n + 1, n + values.shape[1]))
     mix[:n, :n], mix[:n, n:] = np.eye(n), slopes[0].T
     mix[n, n:] = values[0] - slopes[0] @ amperes
-    return _mixed(unit_block(field_map), mix)
+    return mix
 
 
 def _mixed(block: Array, mix: Array) -> Array:

@@ -29,6 +29,7 @@ IRON = "#c5ccd3"
 COPPER = "#e08a4e"
 CURRENT = "#ffd34d"
 MAGNET = "#e0402f"
+SENSOR = "#2b9d5a"
 # Not |B|: the text renderer takes | for a column break.
 FLUX: Final = "B, mT"
 NAME_SIZE = 30
@@ -36,6 +37,8 @@ VIEW: Final = (0.42, -1.0, 0.27)
 """Towards the viewer, who stands in front (-y), a little to the right and above."""
 # The opacity of what hides more than this share of the workspace.
 _TRANSLUCENT, _HIDDEN = 0.25, 0.1
+# The arrow of a field sensor, of the largest length of the machine.
+_SENSOR_LENGTH = 0.09
 # Arrows of B along a slice, their length over their distance, and how far before it they lie, mm.
 _ARROWS, _ARROW_LENGTH, _BEFORE = 7, 0.62, 0.3
 
@@ -54,8 +57,9 @@ def device_scene(
     names: bool = True,
     directions: bool = True,
 ) -> pv.Plotter:
-    """Draw coils with their names and the sense of their current, iron, the workspace box and, if given, B on slices of
-    a field, as colour and direction. What stands between the viewer and the workspace is translucent.
+    """Draw coils with their names and the sense of their current, iron, field sensors as arrows along their axes, the
+    workspace box and, if given, B on slices of a field, as colour and direction. What stands between the viewer and the
+    workspace is translucent.
 
     Parameters
     ----------
@@ -113,6 +117,12 @@ def device_scene(
         if ampere:
             arrow = solids.current_arrow(coil, sense=float(ampere))
             scene.add_mesh(arrow, color=CURRENT, ambient=0.4, smooth_shading=True)
+    if device.sensors:
+        length = _SENSOR_LENGTH * float(np.ptp(solids.extent(scene), axis=1).max())
+        for sensor in device.sensors:
+            scene.add_mesh(
+                solids.sensor_arrow(sensor, length), color=SENSOR, ambient=0.4, smooth_shading=True
+            )
     if device.workspace is not None:
         outline = solids.workspace_outline(device.workspace)
         scene.add_mesh(outline, color=INK, line_width=2.5, lighting=False)

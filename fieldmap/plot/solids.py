@@ -97,6 +97,21 @@ def sharp_edges(surface: pv.DataSet, angle: float = 35.0) -> pv.PolyData:
     )
 
 
+def sensor_arrow(sensor: model.FieldSensor, length: float) -> pv.PolyData:
+    """An arrow along the axis of a field sensor, its tip the sensitive spot; global frame. length: mm."""
+    along, facets = length * sensor.direction, ARC_SEGMENTS
+    return pv.Arrow(
+        start=MM * np.asarray(sensor.position) - along,
+        direction=along,
+        scale=length,
+        tip_length=0.45,
+        tip_radius=0.22,
+        tip_resolution=facets,
+        shaft_radius=0.08,
+        shaft_resolution=facets,
+    )
+
+
 def extent(drawn: pv.DataSet | pv.Plotter) -> Array:
     """Lower and upper end (3, 2) of a surface, or of all that a scene shows, mm."""
     return np.array(drawn.bounds).reshape(3, 2)

@@ -98,7 +98,8 @@ def test_crossed_sensors_as_loops_take_them():
     sensors = Sensors(
         frame, 0.07, (1e-6, 2e-6, 3e-6), scan_rate=500.0, averages=(4, 9, 16), latency=3, measured_with=25
     )
-    into, shift, chains, back, scan = sensors.numbers
+    into, shift, chains, back, scan, field = sensors.numbers
+    assert field is None
     for place in ([1e-3, 2e-3, -0.1], [-3e-3, 0.0, -0.08]):
         readings = frame.to_local(np.array(place))
         np.testing.assert_allclose(into @ place + shift, [*readings[:2], -place[2] - 0.07], atol=1e-15)

@@ -8,6 +8,7 @@ from types import ModuleType, SimpleNamespace
 import numpy as np
 import pytest
 from scipy.constants import g as gravity
+from scipy.constants import mu_0
 
 from fieldmap.currents import CoilGroups, CurrentDomain, IndependentCurrents, LiftAndDirections
 from fieldmap.device.model import Driver
@@ -16,11 +17,13 @@ from fieldmap.io.map_summary import (
     ErrorShares,
     MapSummary,
     MiddleField,
+    _sensors,
     middle_field,
     signal_names,
     summarise_map,
 )
-from fieldmap.store import FieldError, Grid, MapInfo, Provenance, write_map
+from fieldmap.lookup import interpolate
+from fieldmap.store import FieldError, Grid, MapData, MapInfo, Provenance, StoredSensors, write_map
 from tests.dynamics.conftest import saturating_data
 
 BODY = """
@@ -219,7 +222,36 @@ def test_the_summary_as_plain_python(polynomial, domain, told):
         "lift_assumptions": [],
         "saturation": "",
         "reaction": None,
+        "sensors": [],
     }
+
+
+def test_sensors_have_the_readings_of_currents_and_payload(tmp_path):
+    """T of the coils at 1 A and of what no current drives; mu0 m / (2 pi d^3) of a dipole 20 mm below on its axis."""
+    grid, shape = Grid([-0.002, -0.002, -0.012], [0.001, 0.001, 0.001], (5, 5, 5)), (3, 5, 5, 5, 3)
+    places, axes = (
+        np.array([[0.0, 0.0, 0.01], [0.01, 0.0, 0.0]]),
+        np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
+    )
+    shares = np.array([[0.03, -0.01, 2e-4], [0.005, 0.02, -5e-5]])
+    data = MapData(
+        grid,
+        ("a", "b"),
+        [1.0, 1.0],
+        fixed_sources=("background",),
+        constant_field=True,
+        flux_density=np.zeros(shape),
+        gradient=np.zeros((*shape, 3)),
+        sensors=StoredSensors(("up", "out"), places, axes, shares),
+    )
+    write_map(tmp_path / "sensors.h5", data)
+    up, out = summarise_map(tmp_path / "sensors.h5").sensors
+    assert (up.name, out.name, up.of_payload) == ("up", "out", None)
+    assert (up.of_currents, out.of_currents) == pytest.approx((0.0202, 0.02495), rel=1e-12)
+    assert out.axis.tolist() == [1.0, 0.0, 0.0]
+    up, _ = _sensors(interpolate(data), SimpleNamespace(moment=0.8))
+    assert up.of_payload == pytest.approx(mu_0 * 0.8 / (2 * np.pi * 0.02**3), rel=1e-9)
+    assert up.of_currents == pytest.approx(0.0202, rel=1e-12)
 
 
 def test_a_map_without_a_device_or_a_driver():

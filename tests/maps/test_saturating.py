@@ -9,6 +9,7 @@ import pytest
 
 import fieldmap as fm
 from fieldmap.cli.maps import print_summary
+from fieldmap.core.machine import INSIDE
 from fieldmap.currents import (
     CoilGroups,
     CurrentDomain,
@@ -16,9 +17,12 @@ from fieldmap.currents import (
     LiftAndDirections,
     divide_currents,
 )
+from fieldmap.dynamics import RigidBody, linearised, modelled, state_of
 from fieldmap.errors import InputError, NotConverged, OutsideMapError, Problem, RecipeError
+from fieldmap.instruments import calibrate
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.solvers import reduced
+from fieldmap.lookup import MagneticBody
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.maps import generation
 from fieldmap.maps.training import modes as modes_of
@@ -30,6 +34,7 @@ from fieldmap.maps.training.modes import SolvedModes, proper_modes
 from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates, Wanted
 from fieldmap.parallel import Common, Workers
 from fieldmap.store import Checkpoint, checkpoint_path, read_map
+from tests.dynamics.machines import machine_in
 from tests.maps.conftest import SATURATING
 from tests.store.test_openpmd import validated
 
@@ -77,6 +82,33 @@ def test_the_map_agrees_with_direct_solves(data, solver, currents):
     points = data.grid.points()
     for ours, truth in ((flux, state.field(points)), (gradient, state.gradient(points))):
         assert np.abs(ours.reshape(truth.shape) - truth).max() < 2e-3 * np.abs(truth).max()
+
+
+@pytest.mark.usefixtures("data")
+def test_sensors_in_loops_read_saturated_iron(folder):
+    """By the map's model at any currents, or linear about some: there, and to first order, the readings of the map."""
+    m, about, step = fm.open_map(folder / "map.h5"), np.array([1.3, 0.4]), 1e-3
+    place, dipole = np.array([-5e-3, 2e-3, -9e-3]), MagneticBody.dipole([0.1, -0.2, 0.7])
+    ends = [[m.readings(place, dipole, about + h * one)[0] for h in (-step, step)] for one in np.eye(2)]
+    slopes = np.diff(ends, axis=1)[:, 0] / (2 * step)
+
+    def read(of, currents):
+        core, found = machine_in(of, 2, RigidBody(0.01, [1e-6] * 3, dipole)), np.empty(1)
+        core.follow(np.array(currents))
+        assert of.sensors.core.read(core, state_of(place), found) == INSIDE
+        return found[0]
+
+    for currents in ((2.0, 2.0), (0.5, -1.0)):
+        assert read(modelled(m), currents) == pytest.approx(m.readings(place, dipole, currents)[0], rel=1e-5)
+    line, at = linearised(m, about), m.readings(place, dipole, about)[0]
+    assert read(line, about) == pytest.approx(at, rel=1e-9)
+    assert read(line, about + [0.2, -0.1]) == pytest.approx(at + slopes @ [0.2, -0.1], rel=1e-5)
+    assert abs(read(line, (2.0, 2.0)) / m.readings(place, dipole, (2.0, 2.0))[0] - 1.0) > 1e-3
+    upright = MagneticBody.dipole([0.0, 0.0, 0.7])
+    curve = calibrate(m, upright, heights=(-0.014, -0.008), currents=about, scale=2.0)
+    assert curve.per_ampere == pytest.approx(2.0 * slopes, rel=1e-5)
+    bare = m.readings(place, np.zeros(3), about)[0]
+    assert curve.constant + curve.per_ampere @ about == pytest.approx(2.0 * bare, rel=1e-9)
 
 
 @pytest.mark.usefixtures("data")

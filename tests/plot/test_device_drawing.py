@@ -5,7 +5,7 @@ import pyvista as pv
 import fieldmap
 from fieldmap.errors import FieldmapError
 from fieldmap.plot import device_scene, save_picture
-from fieldmap.plot.device_drawing import COPPER, CURRENT, FLUX, IRON, MAGNET, VIEW
+from fieldmap.plot.device_drawing import COPPER, CURRENT, FLUX, IRON, MAGNET, SENSOR, VIEW
 from fieldmap.plot.rendering import require_renderer
 from fieldmap.plot.scales import MILLIMETRES, add_rulers
 from fieldmap.plot.solids import winding_surface
@@ -211,6 +211,23 @@ def test_directions_lie_before_the_slices_all_of_one_length(crooked):
     )
     in_x, in_y = (np.abs(1e3 * places[:, axis] - at) < 1e-3 for axis, at in ((0, 0.5), (1, -2.0)))
     assert (len(places), in_x.sum(), in_y.sum(), (in_x & in_y).sum()) == (35, 21, 21, 7)
+
+
+@needs_opengl
+def test_sensors_are_small_arrows(crooked):
+    """One for each, in its place, of less than a tenth of the machine's length."""
+    sensors = [
+        fieldmap.FieldSensor("a", [0.0, 0.0, 0.01], [0, 0, -1]),
+        fieldmap.FieldSensor("b", [0.01, 0.0, 0.0], [1, 0, 0]),
+    ]
+    scene = device_scene(crooked_device().replace(sensors=sensors))
+    first, second = ends(scene, SENSOR)
+    assert first[2, 0] == pytest.approx(10.0, abs=1e-4)
+    assert second[0, 1] == pytest.approx(10.0, abs=1e-4)
+    whole = max(np.ptp(where, axis=1).max() for colour in (IRON, COPPER) for where in ends(scene, colour))
+    assert 0.03 * whole < np.ptp(first[2]) < 0.2 * whole
+    assert ends(crooked(), SENSOR) == []
+    scene.close()
 
 
 @needs_opengl

@@ -22,6 +22,7 @@ from fieldmap.plot.solids import (
     current_arrow,
     middle_line,
     payload_surface,
+    sensor_arrow,
     sharp_edges,
     winding_surface,
     workspace_outline,
@@ -103,6 +104,17 @@ def test_a_path_with_an_inward_corner():
     # Six corners of a right angle, each replacing 2 r by pi r / 2.
     length = 2 * (60 + 60) - 6 * (2 - np.pi / 2) * 4
     assert abs(winding_surface(coil).volume) == pytest.approx(length * 4 * 10, rel=1e-3)
+
+
+def test_the_arrow_of_a_sensor_ends_in_its_place_and_points_along_its_axis():
+    sensor = fm.FieldSensor("hall", [0.01, -0.02, 0.03], [2.0, -1.0, 2.0])
+    points = np.asarray(sensor_arrow(sensor, 6.0).points, float) - [10.0, -20.0, 30.0]
+    along = points @ np.array([2.0, -1.0, 2.0]) / 3.0
+    assert (along.min(), along.max()) == pytest.approx((-6.0, 0.0), abs=1e-5)
+    # The tip is a point; the cone behind it is wider than the shaft.
+    across = np.linalg.norm(points - along[:, None] * np.array([2.0, -1.0, 2.0]) / 3.0, axis=1)
+    assert across[along > -1e-5] == pytest.approx(0.0, abs=1e-5)
+    assert across[along > -3.0].max() > 2.0 * across[along < -5.0].max()
 
 
 def test_the_arrow_follows_the_current():

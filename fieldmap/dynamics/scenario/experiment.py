@@ -19,6 +19,7 @@ from fieldmap.dynamics.closed_loop import (
     Schedule,
     given_outputs,
     machine_for,
+    measured_by,
     simulate_closed_loop,
 )
 from fieldmap.dynamics.field_of_currents import sampled_field
@@ -78,7 +79,8 @@ class Experiment(Record):
     def warm(self) -> None:
         """Compile a controller that is a function, so that the time of later runs does not include it."""
         if isinstance(self.controller, FunctionController):
-            self.controller.bound(machine_for(self.machine, self.controller.gives).allocation.output_names)
+            names = machine_for(self.machine, self.controller.gives).allocation.output_names
+            self.controller.bound(names, measured_by(self.machine))
 
     def run(self, seed: int | np.random.SeedSequence | None = None) -> LevitationRun:
         """Simulate one run, with the seed of the scenario unless one is given."""
@@ -187,6 +189,10 @@ def _prepared(scenario: Scenario, field: Field | None, device: Device | None, ow
         must, remedy = "currents of the operating point must settle", 'take field.iron = "model"'
         raise NoEquilibrium(AtKey(where, must, f"a change of {change:.1e} A", remedy))
 
+    if settings.field_sensors is not None:
+        sensors = settings.field_sensors.sensors(machine, opened, point, period)
+        machine = replace(machine, sensors=sensors)
+
     # References and disturbances, and the controllers.
     time, zero = control_times(settings.duration, period), np.array([0.0, 0.0, settings.zero_depth])
     down = np.array([1.0, 1.0, -1.0])
@@ -205,6 +211,7 @@ def _prepared(scenario: Scenario, field: Field | None, device: Device | None, ow
         own = coupled.controller(machine, point, points_at, period, control.delay)
     elif own is None:
         own = _of_axes((control.z, control.x, control.y), point, period, settings.zero_depth)
+    _refuse_unseen(machine, own)
     if own is not None and control.feedforward is not None:
         schedule = control.feedforward.added(machine, own, point, schedule)
     return Experiment(scenario, machine, own, schedule, _begin(start, point), currents, point, device)
@@ -218,6 +225,17 @@ def _refuse_beside(controller: FunctionController, feedforward: bool, signals: b
     if signals and controller.gives != "signals":
         must, remedy = "must be left out: the outputs are no signals", 'take gives="signals", or leave it out'
         raise ScenarioError(AtKey("signal", must, controller.gives, remedy))
+
+
+def _refuse_unseen(machine: Machine, controller: Any) -> None:
+    """Raise ScenarioError for field sensors without an estimator in front of a controller that needs a position."""
+    seen = machine.sensors.numbers.measured == slice(3, 6)
+    if not (seen or controller is None or isinstance(controller, FunctionController)):
+        must, remedy = (
+            "must estimate the position for this controller",
+            "take one, or a controller of kind own",
+        )
+        raise ScenarioError(AtKey("field_sensors.estimator", must, '"none"', remedy))
 
 
 def _device_and_map(

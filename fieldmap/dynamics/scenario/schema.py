@@ -24,6 +24,7 @@ from fieldmap.dynamics.scenario.controllers import (
     Feedforward,
     Own,
 )
+from fieldmap.dynamics.scenario.field_sensors import FieldSensorSettings
 from fieldmap.dynamics.scenario.references import (
     MOST_PERIODS,
     Compensator,
@@ -329,6 +330,13 @@ class Settings(Record):
     ] = None
     coils: Annotated[CoilSettings, Key(table_of(CoilSettings), "windings and amplifiers")] = CoilSettings()
     sensors: Annotated[Sensors, Key(table_of(Sensors, bases=(ChainKeys,)), "position sensors")] = _IDEAL
+    field_sensors: Annotated[
+        FieldSensorSettings | None,
+        Key(
+            table_of(FieldSensorSettings) | None,
+            "field sensors of the device, in the place of position sensors",
+        ),
+    ] = None
     reference: Annotated[tuple[Reference, ...], Key(list[ReferenceKeys], "changes of the references")] = ()
     signal: Annotated[
         tuple[Signal, ...], Key(list[table_of(Signal)], "steps of outputs in open loop")  # type: ignore[misc]
