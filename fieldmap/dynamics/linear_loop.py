@@ -21,8 +21,11 @@ if TYPE_CHECKING:
     import control as python_control
 
 Complex = NDArray[Any]
-_APART = 0.01
-"""Share of unstable modes in the sensitivity at an output, up to which its margins are those of the other modes."""
+_FELT = 0.01
+"""Size of the unstable modes in the sensitivities of all outputs together, below which they are in no loop."""
+_REAL, _STEADY = 1e-2, 1e-4
+"""Slope, imaginary over real, at 1 mHz up to which a curve comes from the real axis; change from there to the next
+frequency up to which it comes from a finite value, and slope of rounding."""
 
 
 class SampledMachine(NamedTuple):
@@ -185,11 +188,13 @@ def _shares_of_the_past(sensors: Sensors, period: float) -> Array:
 
 @dataclass(frozen=True, repr=False)
 class Margins(Record):
-    """How far the loop at one output of the controller is from instability, the others being closed.
+    """How far a pole is from the border of stability at one output of the controller, the other loops being closed.
 
-    gain_up, gain_down: factors of that output which bring it there (infinite and 0 where none does); phase: deg, that
-    lag brings it there; crossover: frequency at which the phase is taken, Hz; modulus: smallest distance of the loop's
-    curve from -1, which one number bounds all of them (0.5 is comfortable). NaN where a loop has no crossover.
+    gain_up, gain_down: factors of that output which bring a pole there (infinite and 0 where none does); phase: deg,
+    that lag or lead brings it there; crossover: frequency at which the phase is taken, Hz; modulus: smallest distance
+    of the loop's curve from -1, which one number bounds all of them (0.5 is comfortable). NaN where a loop has no
+    crossover. unstable: this loop's share of the unstable modes; all shares are 0 where the machine is stable, or
+    unstable along axes that no output feels. Where another axis is unstable, the margins are still those of this loop.
     """
 
     output: str
@@ -198,16 +203,15 @@ class Margins(Record):
     phase: float
     crossover: float
     modulus: float
+    unstable: float
 
 
 def margins(
     loop: ClosedLoop, names: tuple[str, ...], sensors: Sensors | None = None, points: int = 4000
 ) -> list[Margins]:
-    """Margins at each output of a controller in whose loop no unstable mode takes part.
+    """Margins at each output of a controller, also where the loop is unstable: `Margins.unstable` shows whose it is.
 
-    An unstable mode takes part in the loop of an output if it makes up more than 1 % of the sensitivity there at some
-    frequency; the loop then has no margins. The margins of the other outputs are those of the other modes. The scans'
-    clock runs free of the controller's, so their answer is the mean over how the two may lie.
+    The scans' clock runs free of the controller's, so their answer is the mean over how the two may lie.
 
     Parameters
     ----------
@@ -228,11 +232,11 @@ def margins(
     frequencies = np.geomspace(1e-3, 0.5 / loop.period, points)
     rates = 2.0 * np.pi * frequencies
     curves = _opened(loop, rates, sensors)
-    shares = np.abs((1.0 + curves) * _unstable_sensitivity(loop, rates)).max(axis=0)
+    sizes = np.abs(_unstable_sensitivity(loop, rates)).max(axis=0)
+    shares = sizes / sizes.sum() if sizes.sum() > _FELT else np.zeros_like(sizes)
     return [
-        _margins_of(name, frequencies, curve)
+        _margins_of(name, frequencies, curve, float(share))
         for name, curve, share in zip(names, curves.T, shares, strict=True)
-        if share < _APART
     ]
 
 
@@ -285,7 +289,7 @@ def _unstable_sensitivity(loop: ClosedLoop, rates: Array) -> Complex:
     return np.einsum("jk,nkl,lj->nj", said, modes, reached)
 
 
-def _margins_of(name: str, frequencies: Array, curve: Complex) -> Margins:
+def _margins_of(name: str, frequencies: Array, curve: Complex, unstable: float) -> Margins:
     size, angle = np.abs(curve), np.unwrap(np.angle(-curve))
     up, down, phase, at = np.inf, 0.0, np.nan, np.nan
     for k in np.flatnonzero((size[1:] - 1.0) * (size[:-1] - 1.0) <= 0.0):
@@ -296,12 +300,19 @@ def _margins_of(name: str, frequencies: Array, curve: Complex) -> Margins:
             phase = abs(float(np.rad2deg(here)))
             at = float(frequencies[k] * (frequencies[k + 1] / frequencies[k]) ** share)
     turns = np.floor(angle / (2.0 * np.pi))
+    factors = []
     for k in np.flatnonzero(np.diff(turns)):
         border = 2.0 * np.pi * max(turns[k], turns[k + 1])
         share = _crossing(angle[k : k + 2], border)
-        factor = 1.0 / float(size[k] ** (1.0 - share) * size[k + 1] ** share)
+        factors.append(1.0 / float(size[k] ** (1.0 - share) * size[k + 1] ** share))
+    # A real pole comes to the border at one end of the curve, where the curve becomes real without passing through.
+    steady = abs(size[1] - size[0]) < _STEADY * size[0]
+    for end, slope, there in ((0, _REAL, steady), (-1, _STEADY, True)):
+        if there and -curve[end].real > abs(curve[end].imag) / slope:
+            factors.append(1.0 / float(size[end]))
+    for factor in factors:
         up, down = (min(up, factor), down) if factor > 1.0 else (up, max(down, factor))
-    return Margins(name, up, down, phase, at, float(np.abs(1.0 + curve).min()))
+    return Margins(name, up, down, phase, at, float(np.abs(1.0 + curve).min()), unstable)
 
 
 def _crossing(pair: Array, level: float) -> float:

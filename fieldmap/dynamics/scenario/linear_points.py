@@ -36,7 +36,7 @@ class LinearPoint(Record):
     controllability : of the modes, and their observability.
     coupling : of the axes.
     loop : the closed loop.
-    margins : at the outputs in whose loop no unstable mode takes part.
+    margins : at each output.
     """
 
     depth_mm: float
