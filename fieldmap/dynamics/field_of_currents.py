@@ -42,10 +42,12 @@ class FieldOfCurrents(Record):
     state that solves of the model may leave, in the norm of the energy; constant: whether something that no current
     drives makes a field, too; iron: "linear", "linearised", "table" or "model"; remembered: what iron with hysteresis
     remembers where a run begins, of the C core; empty for other iron; loop: size of the loops, A, whose slopes linear
-    models take (`linearise`), None for slopes of small changes; reaction: of the iron to magnets."""
+    models take (`linearise`), None for slopes of small changes; reaction: of the iron to magnets; field_map: whose
+    field it is."""
 
     block: Array
     assumptions: tuple[str, ...]
+    field_map: FieldMap
     scale: float = 1.0
     model: CoreIron | None = None
     table: CoreTable | None = None
@@ -321,6 +323,7 @@ def _following(
     return FieldOfCurrents(
         unit_block(field_map) if block is None else block,
         tuple(text for text in (note, calibration, reaction) if text),
+        field_map,
         scale,
         model,
         table,

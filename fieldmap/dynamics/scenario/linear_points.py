@@ -85,11 +85,8 @@ def linear_points(experiment: Experiment, depths_mm: Sequence[float] | None = No
 def _point(
     experiment: Experiment, controller: Controller, depth: float, linear: linearisation.LinearMachine
 ) -> LinearPoint:
-    mass, moves = (
-        experiment.machine.body.mass,
-        [linear.states.index(name) for name in linearisation.VELOCITIES],
-    )
-    block = controller.at(linear.operating_point.sensed, -mass * linear.A[moves, :3], mass * linear.B[moves])
+    by_place, by_output = linear.forces
+    block = controller.at(linear.operating_point.sensed, -by_place, by_output)
     sensors = experiment.machine.sensors
     # The rotation of the body about its magnet's axis has no effect on the field, so it is left out of the loop.
     felt = linear.only(tuple(name for name in linear.states if name not in linearisation.ABOUT_Z))
