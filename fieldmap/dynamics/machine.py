@@ -11,7 +11,14 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from fieldmap.arguments import check, check_not_negative, check_ordered, check_positive, check_signal
+from fieldmap.arguments import (
+    check,
+    check_choice,
+    check_not_negative,
+    check_ordered,
+    check_positive,
+    check_signal,
+)
 from fieldmap.core.closed_loop import Ending, Sensing
 from fieldmap.core.library import LIBRARY
 from fieldmap.core.machine import CoreMachine
@@ -36,6 +43,8 @@ CONTACTS = {
     "tube": LIBRARY.ON_WALL,
     "currents": LIBRARY.BEYOND,
 }
+DRIVES = ("ideal", "current_controller", "voltage", "bridge")
+"""What drives the coils: a source of current, without coupling; or voltages, with the coils coupled by the map."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,6 +55,8 @@ class CoilDrive(Record):
     resistance (n,), ohm, inductance (n,), H: of the windings, without mutual inductance; None: currents follow at once.
     supply: lowest and highest voltage at a winding, V. time_constant: of the amplifier's own answer, s; 0: as fast as
     the supply allows. docs/theory/closed_loop.md (1), (2).
+    mode: one of `DRIVES`. In all but "ideal" the coils obey V = R i + d(linkage)/dt with the linkages of the map, which
+    need the resistance and no inductance.
     """
 
     amplifier: Amplifier
@@ -55,17 +66,29 @@ class CoilDrive(Record):
     supply: tuple[float, float] = (-np.inf, np.inf)
     time_constant: float = 0.0
     converter: Converter | None = None
+    mode: str = "ideal"
 
     def __post_init__(self) -> None:
         check_not_negative("CoilDrive", time_constant=self.time_constant)
         check_ordered("CoilDrive(supply)", *self.supply)
-        both, must = (self.resistance is None) == (self.inductance is None), "must both be given, or neither"
-        check(both, "CoilDrive(resistance, inductance)", must, "one", "give both")
+        check_choice("CoilDrive(mode)", self.mode, DRIVES)
+        if self.coupled:
+            must = f'must be given for the mode "{self.mode}"'
+            check(self.resistance is not None, "CoilDrive(resistance)", must, "None", "give ohms")
+        else:
+            both = (self.resistance is None) == (self.inductance is None)
+            must = "must both be given, or neither"
+            check(both, "CoilDrive(resistance, inductance)", must, "one", "give both")
         for name in ("resistance", "inductance"):
             if getattr(self, name) is not None:
                 given = check_signal(f"CoilDrive({name})", getattr(self, name))
                 check_positive(f"CoilDrive({name})", smallest=float(given.min()))
                 object.__setattr__(self, name, np.array(np.broadcast_to(given, (self.coils,))))
+
+    @property
+    def coupled(self) -> bool:
+        """Whether the linkages of the map couple the coils with each other and with the payload."""
+        return self.mode != "ideal"
 
     @property
     def drives(self) -> Array:
