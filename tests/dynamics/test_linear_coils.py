@@ -183,15 +183,8 @@ def test_a_run_comes_to_the_linear_machine_with_the_square_of_what_disturbs(axia
     """Body, coils, controllers and outputs disturbed at once, beside a rest that loads hold; of all coils at once."""
     outputs, of_mode = RUNS[mode]
     pulling = axial.map((0.02, 0.3, 2.0), (-0.01, 0.5, 5.0), (0.03, -0.2, 8.0), linkage=AIR_OF_THREE)
-    drive = CoilDrive(
-        Amplifier(1 / 60 if of_mode.get("bridge") else 1.0),
-        3,
-        THREE,
-        None,
-        (-60.0, 60.0),
-        mode=mode,
-        **of_mode,
-    )
+    gain, supply = 1 / 60 if mode == "bridge" else 1.0, (-60.0, 60.0)
+    drive = CoilDrive(Amplifier(gain), 3, THREE, None, supply, mode=mode, **of_mode)
     body, direct = RigidBody(0.02, INERTIA, magnet, magnet_at=ARM), MatrixAllocation(np.eye(3), np.zeros(3))
     machine = Machine(superposed(pulling), body, drive, Sensors(), direct)
     point = replace(standing, currents=CURRENTS[:3], outputs=outputs)
@@ -215,11 +208,9 @@ def test_a_run_comes_to_the_linear_machine_with_the_square_of_what_disturbs(axia
         path = np.array([scipy.linalg.expm(whole * t) @ np.append(begin, 1.0) for t in run.time])[:, shown]
         return np.abs(found - path).max(axis=0) / np.abs(path).max(axis=0)
 
-    errors = np.array([off(size) for size in (2e-5, 1e-5, 5e-6)])
-    print(errors)
-    print(np.log2(np.divide(errors[:-1], errors[1:])))
-    print(np.abs(linear.A[12:15, 6:12] @ np.array(motion[6:])), np.abs(linear.A[12:15, 12:15] @ amperes))
-    assert 0
+    errors = np.array([off(size) for size in (2e-4, 1e-4, 5e-5)])
+    np.testing.assert_allclose(np.log2(errors[:-1] / errors[1:]), 1.0, atol=0.1)
+    assert errors[-1].max() < 5e-4
 
 
 ONE = StoredLinkage([[20e-3]], [0.0])
@@ -324,10 +315,11 @@ def test_margins_of_a_levitator_are_those_of_python_control(axial):
     own = control.ss2tf(control.ss(pid.A, pid.B[:, 5:6], pid.C, pid.D[:, 5:6], PERIOD))
     opened, rates = -own * control.c2d(plant, PERIOD), np.geomspace(0.1, np.pi / PERIOD, 4000)
     curve = control.frd(opened, rates, smooth=True)
-    up, phase, modulus, _, at, _ = control.stability_margins(curve)
-    asked = found.phase, found.crossover, found.modulus, found.gain_up
-    assert asked == pytest.approx((phase, at / (2.0 * np.pi), modulus, up), rel=1e-3)
-    assert found.gain_down == pytest.approx(-MOTION[2] * OHMS / PULL / 1e3, rel=0.2)
+    factors, phases, moduli, _, at, _ = control.stability_margins(curve, returnall=True)
+    assert found.phase == pytest.approx(min(abs(phases)), rel=1e-3)
+    assert found.crossover == pytest.approx(at[abs(phases).argmin()] / (2.0 * np.pi), rel=1e-3)
+    assert found.modulus == pytest.approx(min(moduli), rel=1e-3)
+    assert (found.gain_down, found.gain_up) == pytest.approx(tuple(sorted(factors)), rel=1e-3)
 
 
 def test_a_regulator_estimates_the_current_that_its_voltage_drives(axial):
