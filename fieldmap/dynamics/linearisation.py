@@ -194,27 +194,27 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
     names = tuple(MOTION[row] for row in rows)
     # Masses times accelerations by the currents are the voltages by the velocities, too.
     masses = np.concatenate([np.zeros(6), np.full(3, body.mass), body.inertia])[rows]
-    late = _late_currents(machine, operating_point, masses[:, None] * by_current, commanded)
-    more = len(late.names)
+    of_coils = _coil_states(machine, operating_point, masses[:, None] * by_current, commanded)
+    more = len(of_coils.names)
     B = np.vstack(
-        [np.zeros((len(rows), commanded.shape[1])) if more else by_current @ commanded, late.by_output]
+        [np.zeros((len(rows), commanded.shape[1])) if more else by_current @ commanded, of_coils.by_output]
     )
     felt = np.hstack([by_current, np.zeros((len(rows), max(more - coils, 0)))])[:, :more]
-    A = np.block([[A, felt], [late.by_motion, late.by_itself]])
+    A = np.block([[A, felt], [of_coils.by_motion, of_coils.by_itself]])
     C, G = np.hstack([C, np.zeros((3, more))]), np.vstack([G, np.zeros((more, 6))])
     assumptions = (
         *machine.assumptions,
         *loop,
         "small deviations from the operating point: no limits, no walls, no converters' steps",
-        late.note,
+        of_coils.note,
     )
-    at_rest = np.concatenate([state[:3], np.zeros(len(rows) - 3), late.at_rest])
+    at_rest = np.concatenate([state[:3], np.zeros(len(rows) - 3), of_coils.at_rest])
     inputs, axes, none = machine.allocation.output_names, ("x", "y", "z"), np.zeros((3, B.shape[1]))
-    states = (*names, *late.names)
+    states = (*names, *of_coils.names)
     return LinearMachine(A, B, C, none, G, states, inputs, axes, at_rest, operating_point, assumptions)
 
 
-class _LateCurrents(NamedTuple):
+class _CoilStates(NamedTuple):
     """States (c,) of the coils, currents first: their slopes by the motion (c, rows), by themselves (c, c) and by the
     outputs (c, m); their names, values at rest (c,), and what they assume."""
 
@@ -226,11 +226,11 @@ class _LateCurrents(NamedTuple):
     note: str
 
 
-def _late_currents(
+def _coil_states(
     machine: Machine, operating_point: OperatingPoint, pulls: Array, commanded: Array
-) -> _LateCurrents:
-    """The coils between commands (n, m), by the outputs, and currents. pulls (rows, n): forces and torques by the
-    currents."""
+) -> _CoilStates:
+    """What lies between commands and currents. commanded (n, m): slopes of the commands by the outputs; pulls (rows,
+    n): of forces and torques by the currents."""
     drive, currents = machine.drive, operating_point.currents
     n, still = drive.coils, np.zeros_like(pulls.T)
     names = tuple(f"i{k + 1}" for k in range(n))
@@ -238,39 +238,33 @@ def _late_currents(
         tau, note = drive.time_constant, "currents follow their commands"
         if not tau:
             note += " at once; supply and inductance only bound large changes"
-            return _LateCurrents(still[:0], np.zeros((0, 0)), commanded[:0], (), currents[:0], note)
+            return _CoilStates(still[:0], np.zeros((0, 0)), commanded[:0], (), currents[:0], note)
         note += f" with a time constant of {1e3 * tau:g} ms"
-        return _LateCurrents(still, -np.eye(n) / tau, commanded / tau, names, currents, note)
+        return _CoilStates(still, -np.eye(n) / tau, commanded / tau, names, currents, note)
     per_volt = np.linalg.inv(_inductance(machine, operating_point))
-    coil = drive.coil_numbers(machine.magnetic.inductance()).T
-    resistance, proportional, integral, loss, ripple = coil[[0, 3, 4, 8, 9]]
-    resistance = resistance * (1.0 + coil[12] * (coil[14] - coil[13]))
-    # The loss of a bridge is in proportion to small currents, and constant beyond.
-    small = np.abs(currents) < ripple
-    falls = resistance + proportional + np.where(small, loss / np.where(small, ripple, 1.0), 0.0)
+    _, _, _, proportional, integral, *_ = drive.coil_numbers(machine.magnetic.inductance()).T
+    falls, note = drive.slope_of_fall(currents), f"inductances at {', '.join(f'{i:.3g}' for i in currents)} A"
     asked = proportional[:, None] * commanded if proportional.any() else commanded
-    by_motion, by_itself, by_output = -per_volt @ pulls.T, -per_volt @ np.diag(falls), per_volt @ asked
-    at_rest, note = currents, f"inductances at {', '.join(f'{i:.3g}' for i in currents)} A"
-    if integral.any():
-        by_motion, by_output = (
-            np.vstack([by_motion, still]),
-            np.vstack([by_output, integral[:, None] * commanded]),
-        )
-        by_itself = np.block([[by_itself, per_volt], [-np.diag(integral), np.zeros((n, n))]])
-        names += tuple(f"integral{k + 1}" for k in range(n))
-        at_rest = np.concatenate([currents, resistance * currents])
-    return _LateCurrents(by_motion, by_itself, by_output, names, at_rest, note)
+    found = _CoilStates(
+        -per_volt @ pulls.T, -per_volt * (falls + proportional), per_volt @ asked, names, currents, note
+    )
+    if not integral.any():
+        return found
+    return _CoilStates(
+        np.vstack([found.by_motion, still]),
+        np.block([[found.by_itself, per_volt], [-np.diag(integral), np.zeros((n, n))]]),
+        np.vstack([found.by_output, integral[:, None] * commanded]),
+        (*names, *(f"integral{k + 1}" for k in range(n))),
+        np.concatenate([currents, falls * currents]),
+        note,
+    )
 
 
 def _inductance(machine: Machine, operating_point: OperatingPoint) -> Array:
     """Derivatives of all flux linkages by the currents (n, n), H: those of coils and iron, and the part of the payload,
     whose soft iron and whose field in saturating iron follow the currents."""
-    of, body, state, currents = (
-        machine.magnetic,
-        machine.body,
-        operating_point.state,
-        operating_point.currents,
-    )
+    of, body, currents = machine.magnetic, machine.body, operating_point.currents
+    state = operating_point.state
     own, R = of.field_map.inductance(currents), rotation(state)
     if of.iron != "model" and not body.magnet.soft:
         return own

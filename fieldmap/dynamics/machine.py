@@ -153,8 +153,38 @@ class CoilDrive(Record):
         voltages."""
         gain, offset = self.drives[:, 3], self.drives[:, 4]
         if self.mode in ("voltage", "bridge"):
-            return gain / self.resistance, offset / self.resistance
+            return gain / self._at_ambient, offset / self._at_ambient
         return gain, offset
+
+    @property
+    def _loss(self) -> tuple[float, float]:
+        """Voltage, V, that a bridge loses against the current, and the current, A, within which it is in proportion."""
+        if self.bridge is None or self.mode != "bridge":
+            return 0.0, 0.0
+        return self.bridge.loss(self.supply[1]), self.bridge.ripple
+
+    @property
+    def _at_ambient(self) -> Array:
+        """Resistances (n,), ohm, at the start of a run."""
+        h = self.heating
+        warmer = 0.0 if h is None else h.coefficient * (h.ambient - h.reference)
+        return np.asarray(self.resistance * (1.0 + warmer))
+
+    def slope_of_fall(self, currents: Array) -> Array:
+        """Slopes (n,), ohm, by the currents (n,), A, of the voltages that coupled coils and their drives lose."""
+        loss, ripple = self._loss
+        small = np.abs(currents) < ripple
+        return self._at_ambient + np.where(small, loss / (ripple or 1.0), 0.0)
+
+    def at_rest(self, inputs: Array) -> Array:
+        """Currents (n,), A, that last at inputs (n,), V, of the amplifiers, without limits and steps."""
+        commands = self.drives[:, 3] * inputs + self.drives[:, 4]
+        if self.mode not in ("voltage", "bridge"):
+            return np.asarray(commands)
+        (loss, ripple), resistance = self._loss, self._at_ambient
+        small = commands / (resistance + loss / (ripple or 1.0))
+        beyond = (commands - loss * np.sign(commands)) / resistance
+        return np.asarray(np.where(np.abs(small) < ripple, small, beyond))
 
     def coil_numbers(self, inductance: Array) -> Array:
         """Coupled coils as the C core takes them, in the order of fieldmap_coil (fieldmap/core/electrical.h).
@@ -175,9 +205,7 @@ class CoilDrive(Record):
             own = np.diag(inductance) if self.inductance is None else self.inductance
             proportional, integral = self.controller.gains(self.resistance, own)
             limits = -np.inf, np.inf
-        loss, ripple, heat = 0.0, 0.0, (0.0, 1.0, 0.0, 0.0, 0.0)
-        if self.bridge is not None and self.mode == "bridge":
-            loss, ripple = self.bridge.loss(self.supply[1]), self.bridge.ripple
+        (loss, ripple), heat = self._loss, (0.0, 1.0, 0.0, 0.0, 0.0)
         if self.heating is not None:
             h = self.heating
             heat = h.thermal_resistance, h.thermal_capacity, h.coefficient, h.reference, h.ambient
@@ -432,7 +460,11 @@ class Machine(Record):
         coils = (
             self.drive.coil_numbers(self.magnetic.inductance()) if self.drive.coupled and not search else None
         )
-        plant = self.magnetic.plant(body, self.body.seen_at, windings, self.drive.drives, search, coils)
+        drives = self.drive.drives
+        if search:
+            # A search is for what lasts.
+            drives[:, 3], drives[:, 4] = self.drive.steady_response
+        plant = self.magnetic.plant(body, self.body.seen_at, windings, drives, search, coils)
         return CoreMachine(plant)
 
     @property
