@@ -1,6 +1,6 @@
 """A linear machine under its sampled controller: docs/theory/closed_loop.md (10)..(13)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -149,7 +149,7 @@ def close_loop(
         The loop as one sampled system.
     """
     machine = sampled_machine(linear, schedule.period, schedule.delay)
-    k = controller
+    k = _without_constants(controller)
     shown = np.eye(3)[None] if sensors is None else _shares_of_the_past(sensors, schedule.period)
     now, past = shown[0] @ machine.C, np.hstack([*shown[1:], np.zeros((3, 0))])
     listen, wanted = k.D[:, 3:6], k.D[:, :3]
@@ -165,7 +165,23 @@ def close_loop(
     A = np.vstack([moved, said, kept, np.hstack([latest, np.zeros((late, m + size)), older])])
     B = np.vstack([machine.B @ wanted, wanted, applied[:, :3], np.zeros((late, 3))])
     C = np.hstack([machine.C, np.zeros((3, m + size + late))])
-    return ClosedLoop(A, B, C, schedule.period, machine, controller)
+    return ClosedLoop(A, B, C, schedule.period, machine, k)
+
+
+def _without_constants(block: ControllerBlock) -> ControllerBlock:
+    """A block without what never changes in its memory, such as the integral of a PD controller: poles at 1 that mean
+    nothing."""
+    changes = (np.eye(len(block.A)) != block.A).any(axis=1) | block.B.any(axis=1) | block.E.any(axis=1)
+    return replace(
+        block,
+        A=block.A[np.ix_(changes, changes)],
+        B=block.B[changes],
+        C=block.C[:, changes],
+        E=block.E[changes],
+        F=None if block.F is None else block.F[changes],
+        hold=block.hold[changes],
+        memory=block.memory[changes],
+    )
 
 
 def _shares_of_the_past(sensors: Sensors, period: float) -> Array:

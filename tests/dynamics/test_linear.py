@@ -273,6 +273,8 @@ def test_margins_hold_beside_an_unstable_axis_that_is_felt(linear):
     for aside, count in ((0.02, 1), (2.0, 0)):
         lift, x = found = margins(poles(aside)[0], ("lift", "x"))
         assert (poles(aside)[1] > 1.0).sum() == count
+        # Also with the constant in the memory of a PD controller.
+        assert poles(aside)[0].stable == (count == 0)
         assert (lift.unstable < 0.01, x.unstable > 0.99) == (True, count == 1)
         # A stiffness at rest less than that of the field, which both find, lets x go.
         assert aside * (x.gain_up if count else x.gain_down) == pytest.approx(0.0489, abs=1e-4)
