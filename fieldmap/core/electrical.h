@@ -53,12 +53,12 @@ typedef struct fieldmap_electrical {
     const fieldmap_coil *coils;
     const double *inductance, *constant;
     double *linkage, *integral, *asked, *voltage, *heat, *input, *temperature, *source, *counted, *resistance;
-    double *met, *at, *guess, *change, *right, *given, *gain, *total, *tangent, *factor, *slopes, *along, *weights, *each;
+    double *met, *at, *guess, *change, *right, *given, *gain, *total, *moved, *before, *tangent, *factor, *slopes, *along, *weights, *each;
     int64_t tangents, steps;
 } fieldmap_electrical;
 
 /* Arrays of n numbers, which begin with those of the state. */
-enum { FIELDMAP_ELECTRICAL_ARRAYS = 18, FIELDMAP_ELECTRICAL_STATE = 8 };
+enum { FIELDMAP_ELECTRICAL_ARRAYS = 20, FIELDMAP_ELECTRICAL_STATE = 8 };
 
 static inline size_t fieldmap_electrical_room(int n, int fields)
 {
@@ -71,7 +71,8 @@ static inline void fieldmap_electrical_start(fieldmap_electrical *e, double *mem
     const size_t n = (size_t)e->n;
     double **const arrays[FIELDMAP_ELECTRICAL_ARRAYS] = {
         &e->linkage, &e->integral, &e->asked, &e->voltage, &e->heat, &e->input, &e->temperature, &e->source, &e->counted,
-        &e->resistance, &e->met, &e->at, &e->guess, &e->change, &e->right, &e->given, &e->gain, &e->total};
+        &e->resistance, &e->met, &e->at, &e->guess, &e->change, &e->right, &e->given, &e->gain, &e->total, &e->moved,
+        &e->before};
     int k;
     for (k = 0; k < FIELDMAP_ELECTRICAL_ARRAYS; k++, memory += n) *arrays[k] = memory;
     e->tangent = memory, e->factor = e->tangent + n * n, e->slopes = e->factor + n * n;
@@ -172,6 +173,19 @@ static inline void fieldmap_add_soft_payload(fieldmap_electrical *e, const field
             fieldmap_to_map(slope, unit + 3 * k, moved);
             for (j = 0; j < n; j++) e->tangent[j * n + k] += scale * scale * fieldmap_dot(unit + 3 * j, moved);
         }
+    }
+}
+
+/* The same after a solve that moved the currents, from what it knew before its last step, and the tangent's derivative. */
+static inline void fieldmap_meet_solved(fieldmap_electrical *e, const fieldmap_iron_state *iron, const double *currents)
+{
+    const fieldmap_iron *map = iron->map;
+    int k, j;
+    fieldmap_iron_link(map, iron->vector, e->met);
+    for (k = 0; k < e->n; k++) {
+        e->met[k] = (e->met[k] - fieldmap_iron_mixed_dot(iron->sides + (size_t)k * (size_t)map->wide, iron->change, map->wide))
+            / FIELDMAP_MU0 + e->constant[k];
+        for (j = 0; j < e->n; j++) e->met[k] += e->inductance[k * e->n + j] * currents[j];
     }
 }
 
@@ -371,8 +385,28 @@ static inline int fieldmap_step_met(const fieldmap_electrical *e, const double *
         for (j = 0; j < e->n; j++) by += e->tangent[k * e->n + j] * e->change[j];
         left = fmax(left, fabs(wanted - e->total[k])), whole = fmax(whole, fabs(wanted)), moved = fmax(moved, fabs(by));
     }
-    *last = left / fmax(moved, 1e-300);
-    return left <= 0.01 * moved || left <= 0.01 * tolerance * whole;
+    /* What the solve of the iron may leave teaches nothing. */
+    *last = left <= 0.5 * tolerance * whole ? 0.0 : left / fmax(moved, 1e-300);
+    return *last <= 0.02;
+}
+
+/* Correct the tangent by the linkages that a change of the currents made: the update of Broyden, Fletcher, Goldfarb and Shanno,
+ * which keeps it symmetric and positive. from: the linkages before. */
+static inline void fieldmap_learn_tangent(fieldmap_electrical *e, const double *from, const double *change)
+{
+    const int n = e->n;
+    double along = 0.0, across = 0.0;
+    int k, j;
+    for (k = 0; k < n; k++) {
+        for (j = 0, e->right[k] = 0.0; j < n; j++) e->right[k] += e->tangent[k * n + j] * change[j];
+        along += (e->total[k] - from[k]) * change[k], across += e->right[k] * change[k];
+    }
+    if (!(along > 0.1 * across) || !(along < 10.0 * across)) return;
+    for (k = 0; k < n; k++)
+        for (j = 0; j < n; j++)
+            e->tangent[k * n + j] +=
+                (e->total[k] - from[k]) * (e->total[j] - from[j]) / along - e->right[k] * e->right[j] / across;
+    e->step = 0.0;
 }
 
 /* Advance the currents of the coils by a step of length h in which the body comes to a place, turned by r[9], and the weights
@@ -383,30 +417,39 @@ static inline int fieldmap_drive_coils(fieldmap_electrical *e, fieldmap_superpos
                                        const double *commands, double h, double *currents, double *weights, int *held, int *within)
 {
     const int n = e->n, saturating = of->iron != NULL, on_path = of->on_path, exact = !saturating && body->n_soft == 0;
+    const int64_t unsolved = of->unsolved;
     double left = 0.0, moved = 0.0;
-    int k, j, step, met = 0, status = fieldmap_payload_along(field, body, place, r, of->scale, e->fields, e->along);
+    int k, j, step, turned, met = 0, status = fieldmap_payload_along(field, body, place, r, of->scale, e->fields, e->along);
     if (status != FIELDMAP_OK) return status;
     fieldmap_ask(e, commands, h);
     fieldmap_total_linkages(e, saturating, e->total);
-    for (k = 0; k < n; k++) e->change[k] = 0.0;
+    for (k = 0; k < n; k++) e->change[k] = e->moved[k] = 0.0;
     for (step = 0; step < FIELDMAP_ELECTRICAL_STEPS && !met && status == FIELDMAP_OK; step++) {
-        if (step > 0 && left > 0.2) fieldmap_make_tangent(e, of->iron, field, body, place, r, of->scale, e->guess);
+        if (step > 1 && left > 0.2) fieldmap_make_tangent(e, of->iron, field, body, place, r, of->scale, e->guess);
         for (k = 0; k < n; k++)
             for (j = 0, e->right[k] = e->linkage[k] - e->total[k]; j < n; j++)
                 e->right[k] += e->tangent[k * n + j] * e->change[j];
         fieldmap_change_of_currents(e, currents, h);
-        for (k = 0; k < n; k++) e->guess[k] = currents[k] + e->change[k];
+        for (k = turned = 0; k < n; k++) {
+            turned |= currents[k] + e->change[k] != (step == 0 ? currents[k] : e->guess[k]);
+            e->guess[k] = currents[k] + e->change[k];
+            e->moved[k] = e->change[k] - e->moved[k], e->before[k] = e->total[k];
+        }
         e->steps++;
         /* Trials are no path of iron with hysteresis. */
         of->on_path = 0;
         *within = fieldmap_follow(of, e->guess, weights);
         of->on_path = on_path;
         fieldmap_path_forget(field);
-        fieldmap_meet(e, of->iron, e->guess);
+        if (!saturating) fieldmap_meet(e, NULL, e->guess);
+        else if (of->unsolved != unsolved) break;
+        else if (turned) fieldmap_meet_solved(e, of->iron, e->guess);
         if (exact) break;
         if (body->n_soft > 0) status = fieldmap_payload_along(field, body, place, r, of->scale, e->fields, e->along);
         fieldmap_total_linkages(e, saturating, e->total);
         met = fieldmap_step_met(e, currents, h, saturating ? of->iron->tolerance : 1e-9, &left);
+        if (left > 1e-3) fieldmap_learn_tangent(e, e->before, e->moved);
+        for (k = 0; k < n; k++) e->moved[k] = e->change[k];
     }
     for (k = 0; k < n && saturating; k++) moved = fmax(moved, fabs(e->guess[k] - e->at[k]));
     if (moved > 0.02 * e->largest) fieldmap_make_tangent(e, of->iron, field, body, place, r, of->scale, e->guess);
