@@ -171,13 +171,35 @@ class CoilDrive(Record):
         return np.asarray(self.resistance * (1.0 + warmer))
 
     def slope_of_fall(self, currents: Array) -> Array:
-        """Slopes (n,), ohm, by the currents (n,), A, of the voltages that coupled coils and their drives lose."""
+        """Slopes by the currents of the voltages that coupled coils and their drives lose.
+
+        Parameters
+        ----------
+        currents
+            Currents (n,), A.
+
+        Returns
+        -------
+        Array
+            Slopes (n,), ohm.
+        """
         loss, ripple = self._loss
         small = np.abs(currents) < ripple
         return self._at_ambient + np.where(small, loss / (ripple or 1.0), 0.0)
 
     def at_rest(self, inputs: Array) -> Array:
-        """Currents (n,), A, that last at inputs (n,), V, of the amplifiers, without limits and steps."""
+        """Currents that last, without limits and steps.
+
+        Parameters
+        ----------
+        inputs
+            Of the amplifiers (n,), V.
+
+        Returns
+        -------
+        Array
+            Currents (n,), A.
+        """
         commands = self.drives[:, 3] * inputs + self.drives[:, 4]
         if self.mode not in ("voltage", "bridge"):
             return np.asarray(commands)
