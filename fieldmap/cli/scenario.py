@@ -284,7 +284,7 @@ def _linear_page(scenario: str, target: Path | None, found: Linearisation) -> It
         ("pole 1/s", "Hz", "damping", "moves", "input gain", "output gain"): _modes,
         ("from", "to x mm", "to y mm", "to z mm", "relative gain"): _coupling,
         ("loop", "slowest pole 1/s", "least damping", "at Hz"): _loop,
-        ("loop at", "phase deg", "at Hz", "gain up", "gain down", "modulus"): _margins,
+        ("loop at", "phase deg", "at Hz", "gain up", "gain down", "modulus", "unstable part"): _margins,
     }
     for columns, rows_at in tables.items():
         rows = [(f"{point.depth_mm:g}", *row) for point in found.points for row in rows_at(point)]
@@ -331,15 +331,10 @@ def _loop(point: LinearPoint) -> Iterator[tuple[str, ...]]:
 
 
 def _margins(point: LinearPoint) -> Iterator[tuple[str, ...]]:
-    by_output = {found.output: found for found in point.margins}
-    for name in point.linear.inputs:
-        if name not in by_output:
-            yield name, "UNSTABLE", *(4 * ("",))
-            continue
-        found = by_output[name]
+    for found in point.margins:
         # Of a factor that no gain reaches, "inf" is the value.
-        gains = (f"{found.gain_up:.3g}", f"{found.gain_down:.3g}")
-        yield name, f"{found.phase:.1f}", f"{found.crossover:.3f}", *gains, f"{found.modulus:.3f}"
+        numbers = (f"{found.gain_up:.3g}", f"{found.gain_down:.3g}", f"{found.modulus:.3f}")
+        yield found.output, f"{found.phase:.1f}", f"{found.crossover:.3f}", *numbers, f"{found.unstable:.2f}"
 
 
 def tune(

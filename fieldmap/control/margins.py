@@ -9,17 +9,20 @@ from numpy.typing import NDArray
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-_ON_AXIS = 1e-6
-"""Angle, rad, at which a curve counts as real."""
+_REAL, _STEADY = 1e-2, 1e-4
+"""Slope, imaginary over real, at the lowest frequency up to which a curve comes from the real axis; change from there
+to the next frequency up to which it comes from a finite value, and slope of rounding."""
 
 
 @dataclass(frozen=True, repr=False)
 class Margins(Record):
-    """How far the loop at one output of the controller is from instability, the others being closed.
+    """How far a pole is from the border of stability at one output of the controller, the other loops being closed.
 
-    gain_up, gain_down: factors of that output which bring it there (infinite and 0 where none does); phase: deg, that
-    lag brings it there; crossover: frequency at which the phase is taken, Hz; modulus: smallest distance of the loop's
-    curve from -1, which one number bounds all of them (0.5 is comfortable). NaN where a loop has no crossover.
+    gain_up, gain_down: factors of that output which bring a pole there (infinite and 0 where none does); phase: deg,
+    that lag or lead brings it there; crossover: frequency at which the phase is taken, Hz; modulus: smallest distance
+    of the loop's curve from -1, which one number bounds all of them (0.5 is comfortable). NaN where a loop has no
+    crossover. unstable: this loop's share of the unstable modes; all shares are 0 where the machine is stable, or
+    unstable along axes that no output feels. Where another axis is unstable, the margins are still those of this loop.
     """
 
     output: str
@@ -28,6 +31,7 @@ class Margins(Record):
     phase: float
     crossover: float
     modulus: float
+    unstable: float = 0.0
 
 
 def margins_of_curves(frequencies: Array, curves: NDArray[Any]) -> Array:
@@ -61,10 +65,12 @@ def margins_of_curves(frequencies: Array, curves: NDArray[Any]) -> Array:
     share = _crossing(angle, 2.0 * np.pi * np.maximum(turns[:, 1:], turns[:, :-1]))
     factor = np.exp(-log[:, :-1] - share * np.diff(log))
     crosses = np.diff(turns) != 0.0
-    # At half the sampling rate a curve ends on the real axis: it crosses there if it ends on the side of -1.
-    ends = (np.abs(np.angle(-curves[:, -1])) < _ON_AXIS) & (curves[:, -1] != 0.0)
-    crosses = np.column_stack([crosses, ends])
-    factor = np.column_stack([factor, np.exp(-log[:, -1])])
+    # A real pole comes to the border at one end of the curve, where the curve becomes real without passing through.
+    steady = np.abs(np.diff(np.abs(curves[:, :2]), axis=1)[:, 0]) < _STEADY * np.abs(curves[:, 0])
+    begins = steady & (-curves[:, 0].real > np.abs(curves[:, 0].imag) / _REAL)
+    ends = -curves[:, -1].real > np.abs(curves[:, -1].imag) / _STEADY
+    crosses = np.column_stack([crosses, begins, ends])
+    factor = np.column_stack([factor, np.exp(-log[:, [0, -1]])])
     up = np.where(crosses & (factor > 1.0), factor, np.inf).min(axis=1)
     down = np.where(crosses & (factor <= 1.0), factor, 0.0).max(axis=1)
     none = np.isinf(phase)

@@ -79,7 +79,8 @@ typedef struct fieldmap_progress {
  * The run advances state, currents, memory and load. commands: the present commanded currents; waiting: those of the last
  * sample; late: those of the sample before. signals: input of the controller, reference and measured position first, and behind
  * it the readings of field sensors and the measured currents. scratch: as long as the memory and twice the outputs. rows: at
- * most max_rows rows of state, currents, commands, measured position and outputs. */
+ * most max_rows rows of state, currents, commands, measured position and outputs, and of coupled coils voltages and
+ * temperatures. */
 typedef struct fieldmap_loop {
     fieldmap_machine *machine;
     double step;
@@ -237,17 +238,26 @@ static inline int fieldmap_compute(fieldmap_loop *loop, int64_t sample, double t
     return event;
 }
 
+/* Numbers of a recorded row. */
+static inline int64_t fieldmap_row_size(const fieldmap_loop *loop)
+{
+    const int n = loop->machine->n_coils;
+    return FIELDMAP_STATE + (loop->machine->electrical == NULL ? 2 : 4) * n + 3 + loop->controller->outputs;
+}
+
 static inline void fieldmap_record(fieldmap_loop *loop)
 {
     const double *state = (const double *)loop->state;
     const int n = loop->machine->n_coils, m = loop->controller->outputs;
-    double *row = loop->rows + loop->progress->rows * (FIELDMAP_STATE + 2 * n + 3 + m);
+    const fieldmap_electrical *electrical = loop->machine->electrical;
+    double *row = loop->rows + loop->progress->rows * fieldmap_row_size(loop);
     int k;
     for (k = 0; k < FIELDMAP_STATE; k++) *row++ = state[k];
     for (k = 0; k < n; k++) *row++ = loop->currents[k];
     for (k = 0; k < n; k++) *row++ = loop->commands[k];
     for (k = 0; k < 3; k++) *row++ = loop->signals[3 + k];
     for (k = 0; k < m; k++) *row++ = loop->outputs[k];
+    for (k = 0; electrical != NULL && k < n; k++) row[k] = electrical->voltage[k], row[n + k] = electrical->temperature[k];
     loop->progress->rows++;
 }
 
@@ -276,19 +286,25 @@ static inline int fieldmap_mechanical_step(fieldmap_loop *loop, int64_t first, i
     fieldmap_machine *machine = loop->machine;
     fieldmap_progress *progress = loop->progress;
     double before[3], after[3];
-    int k, touched, ignored = 0, status, event;
+    int k, touched, ignored = 0, within = 1, status, event;
     if (number == loop->delay || (number == 0 && loop->delay == loop->per_period)) {
         const double *now = loop->delay == loop->per_period ? loop->late : loop->waiting;
         for (k = 0; k < machine->n_coils; k++) loop->commands[k] = now[k];
         if (at_once && fieldmap_move_currents(loop, &ignored)) fieldmap_load_now(loop, &touched);
     }
-    fieldmap_move_currents(loop, held);
+    if (machine->electrical == NULL) fieldmap_move_currents(loop, held);
     if (!progress->within) {
         progress->touched |= FIELDMAP_BEYOND;
         if (loop->contacts & FIELDMAP_BEYOND) return FIELDMAP_BEYOND_CURRENTS;
     }
     if (scanning) fieldmap_sensed_point(machine, loop->state, before);
-    status = fieldmap_step(&machine->field, &machine->body, loop->state, loop->load, loop->step, 2, &touched);
+    if (machine->electrical == NULL) {
+        status = fieldmap_step(&machine->field, &machine->body, loop->state, loop->load, loop->step, 2, &touched);
+    } else {
+        status = fieldmap_coupled_step(machine, loop->step, loop->commands, loop->state, loop->currents, loop->load, held,
+                                       &within, &touched);
+        progress->within = within;
+    }
     progress->touched |= touched;
     progress->steps++;
     if (status != FIELDMAP_OK) return fieldmap_way_out(machine->field.map, status, loop->state->position[2]);
@@ -315,6 +331,7 @@ static inline int fieldmap_loop_begin(fieldmap_loop *loop)
     }
     loop->progress->within = fieldmap_machine_follow(machine, loop->currents);
     status = fieldmap_load_now(loop, &touched);
+    if (status == FIELDMAP_OK && machine->electrical != NULL) status = fieldmap_coupled_begin(machine, loop->state, loop->currents);
     return status == FIELDMAP_OK ? FIELDMAP_GOES_ON
                                  : fieldmap_way_out(machine->field.map, status, loop->state->position[2]);
 }
@@ -325,7 +342,7 @@ static inline int fieldmap_loop_run(fieldmap_loop *loop)
 {
     fieldmap_machine *machine = loop->machine;
     fieldmap_progress *progress = loop->progress;
-    const int at_once = fieldmap_at_once(machine->windings, machine->n_coils);
+    const int at_once = machine->electrical == NULL && fieldmap_at_once(machine->windings, machine->n_coils);
     int k, held, event, touched;
     while (progress->samples < loop->samples) {
         const int64_t sample = progress->samples, first = progress->steps;
@@ -349,6 +366,7 @@ static inline int fieldmap_loop_run(fieldmap_loop *loop)
             event = fieldmap_mechanical_step(loop, first, number, at_once, &held);
             if (event != FIELDMAP_GOES_ON) return event;
         }
+        if (machine->electrical != NULL) fieldmap_warm(machine->electrical, (double)loop->per_period * loop->step);
         progress->samples = sample + 1, progress->sensed = 0;
         progress->held = held ? progress->held + 1 : 0;
         if (loop->longest_saturation > 0 && progress->held >= loop->longest_saturation) return FIELDMAP_SATURATED;

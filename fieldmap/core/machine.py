@@ -35,12 +35,39 @@ class BodyNumbers(NamedTuple):
     magnetic: Any
 
 
+class CoupledCoils(NamedTuple):
+    """Coils that linkages couple, with names and units of fieldmap_coil and fieldmap_electrical (electrical.h): coils
+    (n, 15), inductance (n, n), constant (n,), largest."""
+
+    coils: Array
+    inductance: Array
+    constant: Array
+    largest: float
+
+
+class CoilState(NamedTuple):
+    """Of coupled coils, (n,) each: linkage, Wb; integral of the controller, V; what is asked for, A or V; mean voltage
+    of the last step, V; heat of the winding and energy taken, J; temperature, degC; what limits, 0 for nothing.
+    tangents, steps: how many inductances were made anew, and Newton steps."""
+
+    linkage: Array
+    integral: Array
+    asked: Array
+    voltage: Array
+    heat: Array
+    input: Array
+    temperature: Array
+    source: Array
+    tangents: int
+    steps: int
+
+
 class Plant(NamedTuple):
     """What a `CoreMachine` is made of. map: of a `CoreMap`; seen_at (3,): the sensed point in the body. How the fields'
     weights follow the currents, times scale: iron, of a `CoreIron.state`, solved to `tolerance`, or table, of a
     `CoreTable`; without both a field a coil, and one more of weight 1. on_path: 1 where the currents are those of a
     path, which iron with hysteresis remembers, 0 for trials. windings (n, 4), drives (n, 7): as fieldmap_winding and
-    fieldmap_drive (currents.h, instruments.h)."""
+    fieldmap_drive (currents.h, instruments.h). coupled: coils in the place of the windings."""
 
     map: Any
     body: BodyNumbers
@@ -52,6 +79,7 @@ class Plant(NamedTuple):
     windings: Array
     drives: Array
     on_path: int = 1
+    coupled: CoupledCoils | None = None
 
 
 class Allocation(NamedTuple):
@@ -107,6 +135,12 @@ class CoreMachine:
     def solves(self) -> Solves:
         """What was solved so far."""
         return Solves(*LIBRARY.machine_solves(self.machine))
+
+    @property
+    def coil_state(self) -> CoilState | None:
+        """State of coupled coils; None without."""
+        found = LIBRARY.machine_electrical(self.machine)
+        return None if found is None else CoilState(*found[0], *found[1:])
 
     def load(self, state: Array, load: Array) -> tuple[int, int]:
         """Fill load (6,) at a state (13,): force, frame of the map, and torque, frame of the body, of all but losses.

@@ -156,8 +156,8 @@ static void read_room(reader *given, fieldmap_loop *out, npy_intp coils, npy_int
     out->max_rows = rows.shape[0], out->rows = rows.at;
     require(out->function != NULL || out->given || out->controller == NULL || memory.size == out->controller->states,
             PyExc_ValueError, "the memory is not that of the controller");
-    require(rows.size == rows.shape[0] * (FIELDMAP_STATE + 2 * coils + 3 + outputs), PyExc_TypeError,
-            "rows must hold state, currents, commands, position and outputs");
+    require(out->machine == NULL || out->controller == NULL || rows.size == rows.shape[0] * (npy_intp)fieldmap_row_size(out),
+            PyExc_TypeError, "rows must hold state, currents, commands, position and outputs, and what coupled coils add");
     out->progress = (fieldmap_progress *)filled_whole_of(given, "progress", sizeof(fieldmap_progress) / sizeof(int64_t));
     require(out->progress == NULL || (out->progress->rows >= 0 && out->progress->samples >= 0), PyExc_ValueError,
             "progress must not be negative");

@@ -65,6 +65,29 @@ static void give_memory(reader *from, fieldmap_machine *machine)
     fieldmap_path_forget(&machine->field);
 }
 
+/* The coils of a machine that is read but for them: None, or an object with coils (n, 15), inductance (n, n), constant (n,)
+ * and largest. */
+static void read_electrical(reader *from, PyObject *given, fieldmap_machine *machine)
+{
+    const int n = machine->n_coils;
+    const size_t size = (sizeof(fieldmap_electrical) + 63) / 64 * 64;
+    fieldmap_electrical *e;
+    char *memory;
+    reader part = attributes_of(from, given);
+    if (given == NULL || given == Py_None) return;
+    memory = (char *)memory_of(from, size + sizeof(double) * fieldmap_electrical_room(n, machine->superposition.n_fields));
+    e = (fieldmap_electrical *)memory;
+    require(machine->superposition.table == NULL, PyExc_ValueError, "a table of currents has no linkages");
+    if (PyErr_Occurred()) return;
+    e->n = n, e->fields = machine->superposition.n_fields;
+    e->coils = (const fieldmap_coil *)numbers_of(&part, "coils", 2, FIELDMAP_COIL * n).at;
+    e->inductance = numbers_of(&part, "inductance", 2, n * n).at, e->constant = numbers_of(&part, "constant", 1, n).at;
+    e->largest = real_of(&part, "largest");
+    if (PyErr_Occurred()) return;
+    fieldmap_electrical_start(e, (double *)(void *)(memory + size));
+    machine->electrical = e;
+}
+
 static void read_machine(reader *from, void *out)
 {
     fieldmap_machine *machine = (fieldmap_machine *)out;
@@ -85,10 +108,11 @@ static void read_machine(reader *from, void *out)
     machine->superposition.n_fields = fieldmap_sets(map);
     read_superposition(&given, &machine->superposition);
     give_memory(&given, machine);
+    read_electrical(&given, value_of(&given, "coupled"), machine);
 }
 
-/* machine(plant): of an object with map, body, seen_at, scale, iron, tolerance, on_path, table, windings (n, 4) and drives
- * (n, 7). */
+/* machine(plant): of an object with map, body, seen_at, scale, iron, tolerance, on_path, table, windings (n, 4), drives
+ * (n, 7) and coupled, None or as read_electrical takes it. */
 static PyObject *machine(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 1);
@@ -218,6 +242,24 @@ static PyObject *machine_move(PyObject *self, PyObject *const *args, Py_ssize_t 
     return Py_BuildValue("(lii)", filled, status, touched);
 }
 
+/* machine_electrical(machine): state (k, n) of coupled coils, as fieldmap_electrical has it, and how many tangents and Newton
+ * steps they took; None without. */
+static PyObject *machine_electrical(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    reader from = arguments(args, given, 1);
+    const fieldmap_machine *machine = machine_of(&from);
+    const fieldmap_electrical *e = machine == NULL ? NULL : machine->electrical;
+    PyObject *array;
+    double *out;
+    (void)self;
+    if (machine == NULL) return NULL;
+    if (e == NULL) Py_RETURN_NONE;
+    array = new_array(2, FIELDMAP_ELECTRICAL_STATE, e->n, &out);
+    if (array == NULL) return NULL;
+    memcpy(out, e->linkage, (size_t)(FIELDMAP_ELECTRICAL_STATE * e->n) * sizeof(double));
+    return Py_BuildValue("(NLL)", array, (long long)e->tangents, (long long)e->steps);
+}
+
 /* machine_advance(machine, step, steps, commands, state, currents, load): one control period; the status of the map. */
 static PyObject *machine_advance(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
@@ -272,7 +314,7 @@ static PyObject *rotation(PyObject *self, PyObject *const *args, Py_ssize_t give
 #define MACHINE_FUNCTIONS \
     FUNCTION(machine), FUNCTION(machine_follow), FUNCTION(machine_weights), FUNCTION(machine_solves), \
     FUNCTION(machine_load), FUNCTION(machine_energy), FUNCTION(machine_rates), FUNCTION(machine_losses), \
-    FUNCTION(machine_move), FUNCTION(machine_advance), FUNCTION(plate_force), FUNCTION(rotation)
+    FUNCTION(machine_move), FUNCTION(machine_electrical), FUNCTION(machine_advance), FUNCTION(plate_force), FUNCTION(rotation)
 
 /* Where a member begins in the numbers of a state. */
 #define PLACE(name, member) {#name, (long)(offsetof(fieldmap_state, member) / sizeof(double))}

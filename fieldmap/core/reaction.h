@@ -73,31 +73,38 @@ FIELDMAP_INLINE fm_real fieldmap_product(const fm_real *a, const fm_real *b, int
     return sum + part[0];
 }
 
-/* Add to weights[k] the field k of a map's reaction along moment[3] at point[3]. */
-static inline int fieldmap_reaction_add(const fieldmap *map, const fm_real *point, const fm_real *moment, fm_real *weights)
+/* Add to along[k] the field k of a map, at weight 1, along moment[3] at point[3]. All fields have weights. */
+static inline int fieldmap_add_along(const fieldmap *map, const fm_real *point, const fm_real *moment, fm_real *along)
 {
     const int size = map->size;
-    fieldmap own = fieldmap_reaction(map);
+    fieldmap own = *map;
     fieldmap_spot spot;
     const int status = fieldmap_locate(map, point, &spot);
     int k, i;
     if (status != FIELDMAP_OK) return status;
     if (map->kind != FIELDMAP_HERMITE) {
-        fm_real local[3], along[FIELDMAP_MAX_SIZE];
-        const fm_real *set = fieldmap_sets_at(&own, &spot, 0);
+        fm_real local[3], harmonics[FIELDMAP_MAX_SIZE];
+        const fm_real *set = fieldmap_sets_at(map, &spot, 0);
         fieldmap_from_middle(map, &spot, local);
         /* Of a degree that the compiler knows only the code for that degree is left. */
-        if (map->degree == 5) fieldmap_harmonics_along(moment, 5, local, along);
-        else fieldmap_harmonics_along(moment, map->degree, local, along);
-        for (k = 0; k < map->reacting; k++, set += size) weights[k] += fieldmap_product(along, set, size);
+        if (map->degree == 5) fieldmap_harmonics_along(moment, 5, local, harmonics);
+        else fieldmap_harmonics_along(moment, map->degree, local, harmonics);
+        for (k = 0; k < map->n_coils; k++, set += size) along[k] += fieldmap_product(harmonics, set, size);
         return status;
     }
-    for (k = 0; k < map->reacting; k++, own.coefficients += size) {
+    for (k = 0; k < map->n_coils; k++, own.coefficients += size) {
         fm_real flux[3];
         fieldmap_field_at(&own, NULL, &spot, flux, NULL);
-        for (i = 0; i < 3; i++) weights[k] += moment[i] * flux[i];
+        for (i = 0; i < 3; i++) along[k] += moment[i] * flux[i];
     }
     return status;
+}
+
+/* Add to weights[k] the field k of a map's reaction along moment[3] at point[3]. */
+static inline int fieldmap_reaction_add(const fieldmap *map, const fm_real *point, const fm_real *moment, fm_real *weights)
+{
+    const fieldmap own = fieldmap_reaction(map);
+    return fieldmap_add_along(&own, point, moment, weights);
 }
 
 /* From weights w_k of a map's reaction to s_k w_k, in place. */

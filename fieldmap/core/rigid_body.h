@@ -148,21 +148,35 @@ FIELDMAP_INLINE void fieldmap_fly(const fieldmap_rigid_body *body, const double 
     fieldmap_normalise(state->turn);
 }
 
+/* The first half of a step of second order, with kicks by a rule of `order`: kick under load[6], and flight; after it the body
+ * is turned by r[9]. per[6]: filled as by fieldmap_mobility. */
+FIELDMAP_INLINE void fieldmap_leave(const fieldmap_rigid_body *body, double *per, double *r, fieldmap_state *state,
+                                    const double *load, double h, int order)
+{
+    fieldmap_mobility(body, per);
+    fieldmap_rotation(state->turn, r);
+    fieldmap_kick(body, per, r, state, load, 0.5 * h, order);
+    fieldmap_fly(body, per, state, h);
+    fieldmap_rotation(state->turn, r);
+}
+
+/* The second half: the load at the end, and a kick under it. The status of the map, and what is touched. */
+FIELDMAP_INLINE int fieldmap_arrive(const fieldmap_path *field, const fieldmap_rigid_body *body, const double *per,
+                                    const double *r, fieldmap_state *state, double *load, double h, int order, int *touched)
+{
+    const int status = fieldmap_load_turned(field, body, state, r, load, touched);
+    if (status == FIELDMAP_OK) fieldmap_kick(body, per, r, state, load, 0.5 * h, order);
+    return status;
+}
+
 /* A step of second order, with kicks by a rule of `order`. load[6] goes in as that at the beginning and comes out as that at
  * the end; the field has the weights at the end. The status of the map, and what is touched, at the end. */
 FIELDMAP_INLINE int fieldmap_symmetric_step(const fieldmap_path *field, const fieldmap_rigid_body *body, fieldmap_state *state,
                                           double *load, double h, int order, int *touched)
 {
     double per[6], r[9];
-    int status;
-    fieldmap_mobility(body, per);
-    fieldmap_rotation(state->turn, r);
-    fieldmap_kick(body, per, r, state, load, 0.5 * h, order);
-    fieldmap_fly(body, per, state, h);
-    fieldmap_rotation(state->turn, r);
-    status = fieldmap_load_turned(field, body, state, r, load, touched);
-    if (status == FIELDMAP_OK) fieldmap_kick(body, per, r, state, load, 0.5 * h, order);
-    return status;
+    fieldmap_leave(body, per, r, state, load, h, order);
+    return fieldmap_arrive(field, body, per, r, state, load, h, order, touched);
 }
 
 /* Lengths of the symmetric steps that make one of second or fourth order, as shares of it. How many. */

@@ -30,6 +30,7 @@ from fieldmap.dynamics.allocation import (
     lift_and_directions,
 )
 from fieldmap.dynamics.closed_loop import RunningMachine, Schedule, simulate_closed_loop, simulate_many
+from fieldmap.dynamics.drives import Bridge, CurrentController, Heating
 from fieldmap.dynamics.field_of_currents import (
     FieldOfCurrents,
     linearised,
@@ -69,15 +70,18 @@ from fieldmap.levitation.lift import lift_shares
 
 __all__ = [
     "AxisReading",
+    "Bridge",
     "CoilDrive",
     "ControlAllocation",
     "Controller",
     "ControllerBlock",
+    "CurrentController",
     "Drag",
     "Event",
     "FieldOfCurrents",
     "FieldSensors",
     "FixedCurrentsRun",
+    "Heating",
     "LevitationRun",
     "LinearMachine",
     "LoopRun",

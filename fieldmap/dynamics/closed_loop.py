@@ -24,7 +24,7 @@ from fieldmap.core.library import LIBRARY
 from fieldmap.core.machine import STATE, CoreMachine, sensed_point
 from fieldmap.dynamics.allocation import MatrixAllocation
 from fieldmap.dynamics.field_sensing import FieldSensors
-from fieldmap.dynamics.loop_run import Event, IronUse, LevitationRun, PartsOfState, event_of
+from fieldmap.dynamics.loop_run import Event, IronUse, LevitationRun, PartsOfState, WindingUse, event_of
 from fieldmap.dynamics.machine import CONTACTS, Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
 from fieldmap.errors import ControllerError, InputError, NotConverged
@@ -161,10 +161,10 @@ def machine_for(machine: Machine, gives: str) -> Machine:
     """The machine with the control allocation for what a function gives: "signals", "currents" or "voltages"."""
     if gives == "signals":
         return machine
-    n, amplifier = machine.drive.coils, machine.drive.amplifier
-    unit, gain, offset = ("V", 1.0, 0.0) if gives == "voltages" else ("A", amplifier.gain, amplifier.offset)
+    n, (slope, at_zero) = machine.drive.coils, machine.drive.steady_response
+    unit, gain, offset = ("V", np.ones(n), np.zeros(n)) if gives == "voltages" else ("A", slope, at_zero)
     names = tuple(f"coil_{k + 1}_{unit}" for k in range(n))
-    direct = MatrixAllocation(np.eye(n) / gain, np.full(n, -offset / gain), names)
+    direct = MatrixAllocation(np.eye(n) / gain, -offset / gain, names)
     return replace(machine, allocation=direct)
 
 
@@ -201,6 +201,7 @@ def start_loop(
         # A search for outputs takes slopes by differences, for which the solves of a run are too coarse.
         search = machine.core(schedule.step, search=True)
         law = law._replace(inverse=law.inverse._replace(machine=search.machine))
+    row = STATE + (4 if machine.drive.coupled else 2) * n + 3 + m
     loop = compiled.Loop(
         machine=core.machine,
         timing=schedule.clock,
@@ -221,7 +222,7 @@ def start_loop(
         outputs=guarded(np.zeros(m)),
         scratch=np.zeros(len(memory) + 2 * m),
         voltages=np.zeros(n),
-        rows=np.empty((-(-len(schedule.references) // schedule.every), STATE + 2 * n + 3 + m)),
+        rows=np.empty((-(-len(schedule.references) // schedule.every), row)),
     )
     event = loop.begin()
     if core.solves.unsolved:
@@ -236,6 +237,7 @@ def run_of(machine: Machine, schedule: Schedule, begun: Begun, event: int) -> Le
     done = loop.done
     # Solves of the inverse map's search count too.
     solves = [each.solves for each in (begun.machine, begun.search) if each is not None]
+    windings = _winding_use(machine, schedule, begun)
     return LevitationRun(
         time=np.asarray(schedule.period * schedule.every * np.arange(done.rows), np.float64),
         rows=loop.rows[: done.rows],
@@ -248,7 +250,18 @@ def run_of(machine: Machine, schedule: Schedule, begun: Begun, event: int) -> Le
         forces=loop.law.inverse is not None,
         output_names=machine.allocation.output_names,
         iron=IronUse(machine.magnetic.iron, *map(sum, zip(*solves, strict=True))),
+        windings=windings,
     )
+
+
+def _winding_use(machine: Machine, schedule: Schedule, begun: Begun) -> WindingUse | None:
+    state, n, heating = begun.machine.coil_state, machine.drive.coils, machine.drive.heating
+    if state is None:
+        return None
+    rows = begun.loop.rows[: begun.loop.done.rows]
+    too_hot = rows[:, rows.shape[1] - n :] > (np.inf if heating is None else heating.limit)
+    first = np.where(too_hot.any(axis=0), too_hot.argmax(axis=0), np.nan)
+    return WindingUse(state.heat, state.input, first * schedule.period * schedule.every)
 
 
 def controller_error(

@@ -136,8 +136,7 @@ class _Model:
         self.F[:n] = np.hstack([sampled.A, pushed, sampled.before])
         self.F[n : n + 3, n : n + 3] = np.eye(3)
         self.S = np.vstack([sampled.B, np.zeros((3, m)), np.eye(m)])
-        self.place, self.outputs = np.zeros(n), linear.operating_point.outputs
-        self.place[:3] = linear.operating_point.state[:3]
+        self.place, self.outputs = linear.at_rest, linear.operating_point.outputs
         self.H = np.hstack([linear.C, np.zeros((3, 3 + m))])
         self.f = np.zeros(n + 3 + m)
         self.f[:n] = self.place - sampled.A @ self.place - (sampled.B + sampled.before) @ self.outputs
@@ -386,6 +385,7 @@ def force_controller(
         states=(*axes, *VELOCITIES),
         inputs=("Fx", "Fy", "Fz"),
         outputs=axes,
+        at_rest=np.concatenate([operating_point.state[:3], np.zeros(3)]),
         operating_point=replace(operating_point, outputs=weight),
         assumptions=(),
     )

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check, check_positive
+from fieldmap.constants import MU0
 from fieldmap.core import CoreMap
 from fieldmap.core.current_table import CoreTable
 from fieldmap.core.iron import CoreIron
 from fieldmap.core.iron_numbers import core_numbers
-from fieldmap.core.machine import BodyNumbers, Plant
+from fieldmap.core.machine import BodyNumbers, CoupledCoils, Plant
 from fieldmap.field import Field, require_affine, require_bounds
 from fieldmap.lookup import (
     FieldMap,
@@ -33,7 +34,7 @@ from fieldmap.lookup.evaluation import MapReaction, core_of
 from fieldmap.lookup.iron_response import compiled_currents, tangent_mix
 from fieldmap.reaction import IN_WORDS
 from fieldmap.records import Record
-from fieldmap.store import Grid, MapData, Provenance
+from fieldmap.store import Grid, MapData, Provenance, StoredLinkage
 from fieldmap.typing import Array
 
 SPACING = 5e-3
@@ -50,11 +51,13 @@ class FieldOfCurrents(Record):
     state that solves of the model may leave, in the norm of the energy; constant: whether something that no current
     drives makes a field, too; iron: "linear", "linearised", "table" or "model"; remembered: what iron with hysteresis
     remembers where a run begins, of the C core; empty for other iron; loop: size of the loops, A, whose slopes linear
-    models take (`linearise`), None for slopes of small changes; reaction: of the iron to magnets; sensors: what field
-    sensors read of these fields, None of a map without."""
+    models take (`linearise`), None for slopes of small changes; reaction: of the iron to magnets; largest: current of
+    the model's domain, A; sensors: what field sensors read of these fields, None of a map without; linkage: of the
+    coils, of which the model's iron adds its own; None where it is not known; field_map: whose field it is."""
 
     block: Array
     assumptions: tuple[str, ...]
+    field_map: FieldMap
     scale: float = 1.0
     model: CoreIron | None = None
     table: CoreTable | None = None
@@ -63,8 +66,10 @@ class FieldOfCurrents(Record):
     iron: str = "linear"
     remembered: Array = field(default_factory=lambda: np.zeros(0))
     loop: float | None = None
+    largest: float = 0.0
     reaction: MapReaction | None = None
     sensors: MapSensors | None = None
+    linkage: StoredLinkage | None = None
 
     @cached_property
     def map(self) -> CoreMap:
@@ -78,6 +83,7 @@ class FieldOfCurrents(Record):
         windings: Array,
         drives: Array,
         search: bool = False,
+        coils: Array | None = None,
     ) -> Plant:
         """Body and coils in this field, with a model of the iron that remembers nothing of others.
 
@@ -94,6 +100,8 @@ class FieldOfCurrents(Record):
         search
             Whether currents are trials of a search, or of slopes by differences, and no path: the model of the
             iron is then solved to `EXACT`, and iron with hysteresis remembers nothing of them.
+        coils
+            Numbers of coils that linkages couple (n, 15), in the place of the windings.
 
         Returns
         -------
@@ -114,7 +122,25 @@ class FieldOfCurrents(Record):
             windings=windings,
             drives=drives,
             on_path=int(not search),
+            coupled=None if coils is None or self.linkage is None else CoupledCoils(coils, *self._coupled),
         )
+
+    @property
+    def _coupled(self) -> tuple[Array, Array, float]:
+        assert self.linkage is not None
+        return self.linkage.inductance, self.linkage.constant, self.largest
+
+    def inductance(self) -> Array:
+        """Incremental inductances (n, n), H, at zero currents."""
+        assert self.linkage is not None
+        known = self.linkage.inductance
+        if self.model is None:
+            return known
+        state, none, added = self.model.state(), np.zeros(len(known)), np.empty_like(known)
+        if self.remembered.size:
+            state.recall(self.remembered)
+        state.linkages(none, np.empty(len(known)), added, tolerance=EXACT)
+        return np.asarray(known + 0.5 * (added + added.T) / MU0)
 
 
 def sampled_field(field: Field, spacing: float = SPACING) -> FieldMap:
@@ -226,9 +252,13 @@ def linearised(
     note = f"saturating iron, linearised about the currents {about} A"
     note += "" if loop is None else f", with slopes of loops of {loop:g} A"
     found = _following(field_map, scale, "linearised", note, tangent_block(field_map, amperes, loop))
-    if field_map.sensors is None:
+    if field_map.sensors is not None:
+        found = replace(found, sensors=field_map.sensors.mixed(tangent_mix(field_map, amperes, loop)))
+    if found.linkage is None:
         return found
-    return replace(found, sensors=field_map.sensors.mixed(tangent_mix(field_map, amperes, loop)))
+    inductance = field_map.inductance(amperes)
+    about_currents = StoredLinkage(inductance, field_map.flux_linkage(amperes) - inductance @ amperes)
+    return replace(found, linkage=about_currents)
 
 
 def modelled(field_map: FieldMap, scale: float = 1.0, loop: float | None = None) -> FieldOfCurrents:
@@ -271,7 +301,9 @@ def modelled(field_map: FieldMap, scale: float = 1.0, loop: float | None = None)
     note = f"{which} by the map's model, solved at every step at which currents change, to "
     note += f"{COMPILED_TOLERANCE:g} of its state"
     found = _following(field_map, scale, "model", note, model=model)
-    return replace(found, remembered=remembered, loop=loop)
+    reduced = field_map.info.reduced_model
+    largest = 0.0 if reduced is None else float(np.max(reduced.domain.largest))
+    return replace(found, remembered=remembered, loop=loop, largest=largest)
 
 
 def tabled(
@@ -334,6 +366,7 @@ def _following(
     return FieldOfCurrents(
         unit_block(field_map) if block is None else block,
         tuple(text for text in (note, calibration, reaction) if text),
+        field_map,
         scale,
         model,
         table,
@@ -341,4 +374,5 @@ def _following(
         iron=iron,
         reaction=field_map.reaction,
         sensors=field_map.sensors,
+        linkage=None if table is not None else field_map.linkage,
     )

@@ -1,6 +1,6 @@
 """A linear machine under its sampled controller: docs/theory/closed_loop.md (10)..(13)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     import control as python_control
 
 Complex = NDArray[Any]
-_APART = 0.01
-"""Share of unstable modes in the sensitivity at an output, up to which its margins are those of the other modes."""
+_FELT = 0.01
+"""Size of the unstable modes in the sensitivities of all outputs together, below which they are in no loop."""
 
 
 class SampledMachine(NamedTuple):
@@ -147,7 +147,7 @@ def close_loop(
         The loop as one sampled system.
     """
     machine = sampled_machine(linear, schedule.period, schedule.delay)
-    k = controller
+    k = _without_constants(controller)
     shown = np.eye(3)[None] if sensors is None else shares_of_the_past(sensors, schedule.period)
     now, past = shown[0] @ machine.C, np.hstack([*shown[1:], np.zeros((3, 0))])
     listen, wanted = k.D[:, 3:6], k.D[:, :3]
@@ -163,7 +163,23 @@ def close_loop(
     A = np.vstack([moved, said, kept, np.hstack([latest, np.zeros((late, m + size)), older])])
     B = np.vstack([machine.B @ wanted, wanted, applied[:, :3], np.zeros((late, 3))])
     C = np.hstack([machine.C, np.zeros((3, m + size + late))])
-    return ClosedLoop(A, B, C, schedule.period, machine, controller)
+    return ClosedLoop(A, B, C, schedule.period, machine, k)
+
+
+def _without_constants(block: ControllerBlock) -> ControllerBlock:
+    """A block without what never changes in its memory, such as the integral of a PD controller: poles at 1 that mean
+    nothing."""
+    changes = (np.eye(len(block.A)) != block.A).any(axis=1) | block.B.any(axis=1) | block.E.any(axis=1)
+    return replace(
+        block,
+        A=block.A[np.ix_(changes, changes)],
+        B=block.B[changes],
+        C=block.C[:, changes],
+        E=block.E[changes],
+        F=None if block.F is None else block.F[changes],
+        hold=block.hold[changes],
+        memory=block.memory[changes],
+    )
 
 
 def shares_of_the_past(sensors: Sensors, period: float) -> Array:
@@ -187,11 +203,9 @@ def shares_of_the_past(sensors: Sensors, period: float) -> Array:
 def margins(
     loop: ClosedLoop, names: tuple[str, ...], sensors: Sensors | None = None, points: int = 4000
 ) -> list[Margins]:
-    """Margins at each output of a controller in whose loop no unstable mode takes part.
+    """Margins at each output of a controller, also where the loop is unstable: `Margins.unstable` shows whose it is.
 
-    An unstable mode takes part in the loop of an output if it makes up more than 1 % of the sensitivity there at some
-    frequency; the loop then has no margins. The margins of the other outputs are those of the other modes. The scans'
-    clock runs free of the controller's, so their answer is the mean over how the two may lie.
+    The scans' clock runs free of the controller's, so their answer is the mean over how the two may lie.
 
     Parameters
     ----------
@@ -212,12 +226,12 @@ def margins(
     frequencies = np.geomspace(1e-3, 0.5 / loop.period, points)
     rates = 2.0 * np.pi * frequencies
     curves = _opened(loop, rates, sensors)
-    shares = np.abs((1.0 + curves) * _unstable_sensitivity(loop, rates)).max(axis=0)
     found = margins_of_curves(frequencies, curves.T).T.tolist()
+    sizes = np.abs(_unstable_sensitivity(loop, rates)).max(axis=0)
+    shares = sizes / sizes.sum() if sizes.sum() > _FELT else np.zeros_like(sizes)
     return [
-        Margins(name, *numbers)
-        for name, numbers, share in zip(names, found, shares, strict=True)
-        if share < _APART
+        Margins(name, up, down, phase, crossover, modulus, float(share))
+        for name, (up, down, phase, crossover, modulus), share in zip(names, found, shares, strict=True)
     ]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy
@@ -20,6 +20,7 @@ from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.operating_point import OperatingPoint
 from fieldmap.errors import OutsideMapError
 from fieldmap.lookup.current_model import with_secants
+from fieldmap.lookup.flux_linkage import payload_linkage
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -31,8 +32,9 @@ if TYPE_CHECKING:
 _STEPS, _CURRENT_STEP = (2e-4, 2e-3, 1e-4, 1e-3), 5e-3
 # Shares of a step at which a function is taken, and what they count: central differences of fourth order.
 _STENCIL = ((-2.0, 1.0 / 12.0), (-1.0, -8.0 / 12.0), (1.0, 8.0 / 12.0), (2.0, -1.0 / 12.0))
-# Units in which deviations are of a size: a millimetre, a tenth of a radian, and what they are in a tenth of a second.
-_UNITS = {"turn": 0.1, "angular_velocity": 1.0, "velocity": 1e-2, "i": 0.1}
+# Units in which deviations are of a size: a millimetre, a tenth of a radian, and what they are in a tenth of a second,
+# a volt of an integral, a tenth of an ampere.
+_UNITS = {"turn": 0.1, "angular_velocity": 1.0, "velocity": 1e-2, "integral": 1.0, "i": 0.1}
 _MILLI = 1e-3
 # What a velocity is the velocity of.
 _AXIS_OF = {f"velocity_{k}": k for k in "xyz"} | {f"angular_velocity_{k}": f"turn_{k}" for k in "xyz"}
@@ -52,10 +54,12 @@ class LinearMachine(Record):
     """dx/dt = A x + B u + G w, y = C x + D u, all as deviations from an operating point.
 
     x: position of the centre of mass (3), m; turn (3), rad, about the body's own axes, and at the end the angular
-    velocity (3), rad/s, of a body that may turn; velocity (3), m/s; currents, A, of amplifiers with a time constant.
-    states: their names, "x", "turn_x", "velocity_x", "angular_velocity_x" and so on (`MOTION`), and "i1" of a current.
+    velocity (3), rad/s, of a body that may turn; velocity (3), m/s; currents, A, of amplifiers with a time constant and
+    of coils with voltages; integrals, V, of current controllers. states: their names, "x", "turn_x", "velocity_x",
+    "angular_velocity_x" and so on (`MOTION`), "i1" of a current, "integral1".
     u: the controller's outputs, such as lift (V), x and y. w: force (3), N, and torque (3), N m, in the frame of
-    the map. y: the sensed point (3), m. operating_point: what it is linear about. assumptions: what it rests on.
+    the map. y: the sensed point (3), m. at_rest (n,): the states at the operating point, whose turns count as 0.
+    operating_point: what it is linear about. assumptions: what it rests on.
     """
 
     A: Array
@@ -66,6 +70,7 @@ class LinearMachine(Record):
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+    at_rest: Array
     operating_point: OperatingPoint
     assumptions: tuple[str, ...]
 
@@ -104,7 +109,17 @@ class LinearMachine(Record):
             check(name in self.states, "LinearMachine.only(names)", must, name, "choose among them")
         chosen = [self.states.index(name) for name in names]
         A, B, C, G = self.A[np.ix_(chosen, chosen)], self.B[chosen], self.C[:, chosen], self.G[chosen]
-        return replace(self, A=A, B=B, C=C, G=G, states=names)
+        return replace(self, A=A, B=B, C=C, G=G, states=names, at_rest=self.at_rest[chosen])
+
+    @property
+    def forces(self) -> tuple[Array, Array]:
+        """Forces on the body at rest by its position (3, 3), N/m, and by the inputs (3, m), N, with the currents that
+        these lead to."""
+        moves = [self.states.index(name) for name in VELOCITIES]
+        coils = [k for k, name in enumerate(self.states) if name not in MOTION]
+        mass = 1.0 / self.G[moves[0], 0]
+        reached = np.linalg.solve(self.A[np.ix_(coils, coils)], self.B[coils])
+        return mass * self.A[moves, :3], mass * (self.B[moves] - self.A[np.ix_(moves, coils)] @ reached)
 
 
 def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachine:
@@ -112,8 +127,9 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
 
     Derivatives are central differences of fourth order of the right-hand side that the compiled loop integrates:
     magnet, eddy currents and drag; walls, limits, converters and noise have no part. Where a table of saturating iron
-    has a corner they are the mean of both sides. Amplifiers steer currents (2): a winding's R and L bound how fast a
-    large change goes and have no part in a small one.
+    has a corner they are the mean of both sides. Ideal drives steer currents (2): a winding's R and L bound how fast a
+    large change goes and have no part in a small one. With all other drives the currents are states, with the
+    inductances at the operating point and the voltages that the moving body induces, (26).
 
     The slopes by the outputs of iron with hysteresis are those of loops, docs/theory/hysteresis.md (6), about the
     operating point, to which the currents go straight from the memory: each output swings so that the current that it
@@ -136,6 +152,8 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
     ------
     OutsideMapError
         For a point at the map's edge.
+    InputError
+        For a drive that needs flux linkages, with a map without.
     """
     body, state, coils = machine.body, operating_point.state, machine.drive.coils
     core, out = replace(machine, walls=None).core(1.0, search=True), np.empty(STATE)
@@ -160,7 +178,7 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
     for k in (*rows, *range(12, 12 + coils)):
         direction = np.eye(len(steps))[k] * steps[k]
         slopes[:, k] = np.sum([share * rates(at * direction) for at, share in _STENCIL], axis=0) / steps[k]
-    commanded = machine.drive.amplifier.gain * machine.allocation.derivative(operating_point.outputs)
+    commanded = machine.drive.drives[:, 3, None] * machine.allocation.derivative(operating_point.outputs)
     loop: tuple[str, ...] = ()
     if machine.magnetic.loop is not None or machine.magnetic.remembered.size:
         slopes[:, 12:] = _of_loops(machine, rates, slopes[:, 12:], commanded)
@@ -174,24 +192,92 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
     pushed = np.block([[np.eye(3) / body.mass, zeros], [zeros, R.T / body.inertia[:, None]]])
     G = np.vstack([np.zeros((6, 6)), pushed])[rows]
     names = tuple(MOTION[row] for row in rows)
-    B = by_current @ commanded
-    tau, late = machine.drive.time_constant, " at once; supply and inductance only bound large changes"
-    if tau:
-        A = np.block([[A, by_current], [np.zeros((coils, len(rows))), -np.eye(coils) / tau]])
-        B = np.vstack([np.zeros((len(rows), commanded.shape[1])), commanded / tau])
-        C, G = np.hstack([C, np.zeros((3, coils))]), np.vstack([G, np.zeros((coils, 6))])
-        names += tuple(f"i{k + 1}" for k in range(coils))
-        late = f" with a time constant of {1e3 * tau:g} ms"
+    # Masses times accelerations by the currents are the voltages by the velocities, too.
+    masses = np.concatenate([np.zeros(6), np.full(3, body.mass), body.inertia])[rows]
+    of_coils = _coil_states(machine, operating_point, masses[:, None] * by_current, commanded)
+    more = len(of_coils.names)
+    B = np.vstack(
+        [np.zeros((len(rows), commanded.shape[1])) if more else by_current @ commanded, of_coils.by_output]
+    )
+    felt = np.hstack([by_current, np.zeros((len(rows), max(more - coils, 0)))])[:, :more]
+    A = np.block([[A, felt], [of_coils.by_motion, of_coils.by_itself]])
+    C, G = np.hstack([C, np.zeros((3, more))]), np.vstack([G, np.zeros((more, 6))])
     assumptions = (
         *machine.assumptions,
         *loop,
         "small deviations from the operating point: no limits, no walls, no converters' steps",
-        "currents follow their commands" + late,
+        of_coils.note,
     )
-    inputs, axes = machine.allocation.output_names, ("x", "y", "z")
-    return LinearMachine(
-        A, B, C, np.zeros((3, B.shape[1])), G, names, inputs, axes, operating_point, assumptions
+    at_rest = np.concatenate([state[:3], np.zeros(len(rows) - 3), of_coils.at_rest])
+    inputs, axes, none = machine.allocation.output_names, ("x", "y", "z"), np.zeros((3, B.shape[1]))
+    states = (*names, *of_coils.names)
+    return LinearMachine(A, B, C, none, G, states, inputs, axes, at_rest, operating_point, assumptions)
+
+
+class _CoilStates(NamedTuple):
+    """States (c,) of the coils, currents first: their slopes by the motion (c, rows), by themselves (c, c) and by the
+    outputs (c, m); their names, values at rest (c,), and what they assume."""
+
+    by_motion: Array
+    by_itself: Array
+    by_output: Array
+    names: tuple[str, ...]
+    at_rest: Array
+    note: str
+
+
+def _coil_states(
+    machine: Machine, operating_point: OperatingPoint, pulls: Array, commanded: Array
+) -> _CoilStates:
+    """What lies between commands and currents. commanded (n, m): slopes of the commands by the outputs; pulls (rows,
+    n): of forces and torques by the currents."""
+    drive, currents = machine.drive, operating_point.currents
+    n, still = drive.coils, np.zeros_like(pulls.T)
+    names = tuple(f"i{k + 1}" for k in range(n))
+    if not drive.coupled:
+        tau, note = drive.time_constant, "currents follow their commands"
+        if not tau:
+            note += " at once; supply and inductance only bound large changes"
+            return _CoilStates(still[:0], np.zeros((0, 0)), commanded[:0], (), currents[:0], note)
+        note += f" with a time constant of {1e3 * tau:g} ms"
+        return _CoilStates(still, -np.eye(n) / tau, commanded / tau, names, currents, note)
+    per_volt = np.linalg.inv(_inductance(machine, operating_point))
+    _, _, _, proportional, integral, *_ = drive.coil_numbers(machine.magnetic.inductance()).T
+    falls, note = drive.slope_of_fall(currents), f"inductances at {', '.join(f'{i:.3g}' for i in currents)} A"
+    asked = proportional[:, None] * commanded if proportional.any() else commanded
+    found = _CoilStates(
+        -per_volt @ pulls.T, -per_volt * (falls + proportional), per_volt @ asked, names, currents, note
     )
+    if not integral.any():
+        return found
+    return _CoilStates(
+        np.vstack([found.by_motion, still]),
+        np.block([[found.by_itself, per_volt], [-np.diag(integral), np.zeros((n, n))]]),
+        np.vstack([found.by_output, integral[:, None] * commanded]),
+        (*names, *(f"integral{k + 1}" for k in range(n))),
+        np.concatenate([currents, falls * currents]),
+        note,
+    )
+
+
+def _inductance(machine: Machine, operating_point: OperatingPoint) -> Array:
+    """Derivatives of all flux linkages by the currents (n, n), H: those of coils and iron, and the part of the payload,
+    whose soft iron and whose field in saturating iron follow the currents."""
+    of, body, currents = machine.magnetic, machine.body, operating_point.currents
+    state = operating_point.state
+    own, R = of.field_map.inductance(currents), rotation(state)
+    if of.iron != "model" and not body.magnet.soft:
+        return own
+    place, steps = state[:3] + R @ body.magnet_at, _CURRENT_STEP * np.eye(len(currents))
+
+    def linked(amperes: Array) -> Array:
+        return of.scale * payload_linkage(of.field_map, place, amperes, body.magnet, R)
+
+    by_payload = [
+        np.sum([share * linked(currents + at * step) for at, share in _STENCIL], axis=0) / _CURRENT_STEP
+        for step in steps
+    ]
+    return np.asarray(own + np.transpose(by_payload))
 
 
 def _of_loops(

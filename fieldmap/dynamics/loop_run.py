@@ -50,6 +50,16 @@ class IronUse(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class WindingUse(Record):
+    """Of coupled coils in a run, (n,) each: heat of each winding and energy that its drive gave, J; times, s, of the
+    first samples at which a winding was hotter than its limit, NaN for none."""
+
+    heat: Array
+    energy: Array
+    too_hot: Array
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Event(Record):
     """Why a run ended early. name: short; about: a sentence; time, s; state (13,) and currents (n,) at that moment."""
 
@@ -100,7 +110,8 @@ class LevitationRun(PartsOfState, LoopRun):
     outputs. references (r, 3), m. event: why it ended early, or None. touched: walls that were met, and
     "currents" if they were ever beyond the table of saturating iron, or the domain of its model. seen_at (3,): the
     sensed point in the body. forces: whether the outputs are forces, N, that the inverse map makes. output_names (m,):
-    of the outputs, where they are not. iron: what it took for the iron, and how its solves went.
+    of the outputs, where they are not. iron: what it took for the iron, and how its solves went. windings: of coupled
+    coils, whose rows have voltages and temperatures (2 n) at their end; None for ideal drives.
     """
 
     rows: Array
@@ -112,6 +123,7 @@ class LevitationRun(PartsOfState, LoopRun):
     forces: bool
     output_names: tuple[str, ...] = field(default=(), kw_only=True)
     iron: IronUse = field(default=IronUse(), kw_only=True)
+    windings: WindingUse | None = field(default=None, kw_only=True)
 
     @property
     def state(self) -> Array:
@@ -137,7 +149,22 @@ class LevitationRun(PartsOfState, LoopRun):
     @property
     def outputs(self) -> Array:
         """Of the controller (r, m)."""
-        return self.rows[:, STATE + 2 * self.coils + 3 :]
+        return self.rows[:, STATE + 2 * self.coils + 3 : self._coupled.start]
+
+    @property
+    def _coupled(self) -> slice:
+        """Columns of what coupled coils add to a row."""
+        return slice(self.rows.shape[1] - (0 if self.windings is None else 2 * self.coils), None)
+
+    @property
+    def voltages(self) -> Array:
+        """Of coupled coils (r, n), V: means of the mechanical steps before; (r, 0) of others."""
+        return self.rows[:, self._coupled][:, : self.coils]
+
+    @property
+    def temperatures(self) -> Array:
+        """Of the windings of coupled coils (r, n), degC; (r, 0) of others."""
+        return self.rows[:, self._coupled][:, self.coils :]
 
     @property
     def sensed(self) -> Array:
@@ -182,12 +209,18 @@ def recorded(
         "commanded": (run.commanded, "A", coils),
         "outputs": _outputs(run, coil_names),
     }
+    if run.windings is not None:
+        arrays["voltages"] = (run.voltages, "V", coils)
+        arrays["temperatures"] = (run.temperatures, "degC", coils)
     event = run.event
     ended: dict[str, object] = {"event": "", "end_s": float(run.time.max(initial=0.0))}
     if event is not None:
         at = plain_items(state=event.state, currents=event.currents)
         ended = {"event": event.name, "about_event": event.about, "end_s": event.time, **at}
     notes = {"touched": list(run.touched), "iron": asdict(run.iron), "assumptions": list(run.assumptions)}
+    if run.windings is not None:
+        heat, energy = run.windings.heat.tolist(), run.windings.energy.tolist()
+        notes["windings"] = {"heat_J": heat, "energy_J": energy}
     return RunRecord(arrays, {**ended, **notes, **(about or {})})
 
 

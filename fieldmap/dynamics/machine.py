@@ -11,12 +11,20 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from fieldmap.arguments import check, check_not_negative, check_ordered, check_positive, check_signal
+from fieldmap.arguments import (
+    check,
+    check_choice,
+    check_not_negative,
+    check_ordered,
+    check_positive,
+    check_signal,
+)
 from fieldmap.core.closed_loop import Ending, Sensing
 from fieldmap.core.library import LIBRARY
 from fieldmap.core.machine import CoreMachine
 from fieldmap.device.model import Device
 from fieldmap.dynamics.allocation import ControlAllocation
+from fieldmap.dynamics.drives import Bridge, CurrentController, Heating
 from fieldmap.dynamics.field_of_currents import FieldOfCurrents
 from fieldmap.dynamics.rigid_body import Drag, NotNegatives, Plate, RigidBody, Walls
 from fieldmap.errors import InputError
@@ -36,6 +44,8 @@ CONTACTS = {
     "tube": LIBRARY.ON_WALL,
     "currents": LIBRARY.BEYOND,
 }
+DRIVES = ("ideal", "current_controller", "voltage", "bridge")
+"""What drives the coils: a source of current, without coupling; or voltages, with the coils coupled by the map."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,6 +56,12 @@ class CoilDrive(Record):
     resistance (n,), ohm, inductance (n,), H: of the windings, without mutual inductance; None: currents follow at once.
     supply: lowest and highest voltage at a winding, V. time_constant: of the amplifier's own answer, s; 0: as fast as
     the supply allows. docs/theory/closed_loop.md (1), (2).
+    mode: one of `DRIVES`. In all but "ideal" the coils obey V = R i + d(linkage)/dt with the linkages of the map, which
+    need the resistance and no inductance: docs/theory/electrical.md. A "current_controller" takes amperes as the ideal
+    source does; of a "voltage" source the amplifier's gain is in V/V; of a "bridge" it is duty per V. Its limits of
+    current hold in all. With a bandwidth the controller's gains are those for `inductance`, of the map at zero currents
+    unless given. slope: of what is asked for, A/s, or V/s of a source of voltage. heating: None for windings that
+    stay as they are.
     """
 
     amplifier: Amplifier
@@ -55,23 +71,61 @@ class CoilDrive(Record):
     supply: tuple[float, float] = (-np.inf, np.inf)
     time_constant: float = 0.0
     converter: Converter | None = None
+    mode: str = "ideal"
+    controller: CurrentController | None = None
+    bridge: Bridge | None = None
+    heating: Heating | None = None
+    slope: float = np.inf
 
     def __post_init__(self) -> None:
         check_not_negative("CoilDrive", time_constant=self.time_constant)
         check_ordered("CoilDrive(supply)", *self.supply)
-        both, must = (self.resistance is None) == (self.inductance is None), "must both be given, or neither"
-        check(both, "CoilDrive(resistance, inductance)", must, "one", "give both")
+        check_choice("CoilDrive(mode)", self.mode, DRIVES)
+        check(self.slope > 0.0, "CoilDrive(slope)", "must be above 0", self.slope, "correct it")
+        if self.coupled:
+            self._check_coupled()
+        else:
+            both = (self.resistance is None) == (self.inductance is None)
+            must = "must both be given, or neither"
+            check(both, "CoilDrive(resistance, inductance)", must, "one", "give both")
         for name in ("resistance", "inductance"):
             if getattr(self, name) is not None:
                 given = check_signal(f"CoilDrive({name})", getattr(self, name))
                 check_positive(f"CoilDrive({name})", smallest=float(given.min()))
                 object.__setattr__(self, name, np.array(np.broadcast_to(given, (self.coils,))))
 
+    def _check_coupled(self) -> None:
+        must = f'must be given for the mode "{self.mode}"'
+        check(self.resistance is not None, "CoilDrive(resistance)", must, "None", "give ohms")
+        check(
+            self.time_constant == 0.0,
+            "CoilDrive(time_constant)",
+            "must be 0",
+            self.time_constant,
+            "leave it out",
+        )
+        controlled, switched = self.mode == "current_controller", self.mode == "bridge"
+        if controlled:
+            check(self.controller is not None, "CoilDrive(controller)", must, "None", "give its bandwidth")
+        if switched:
+            check(self.bridge is not None, "CoilDrive(bridge)", must, "None", "give its frequency")
+            finite = np.isfinite(self.supply).all()
+            check(bool(finite), "CoilDrive(supply)", must, f"{self.supply} V", "give volts")
+
+    @property
+    def coupled(self) -> bool:
+        """Whether the linkages of the map couple the coils with each other and with the payload."""
+        return self.mode != "ideal"
+
     @property
     def drives(self) -> Array:
         """(n, 7), in the order of fieldmap_drive (fieldmap/core/instruments.h)."""
         a, c = self.amplifier, self.converter
         step, widest = (0.0, np.inf) if c is None else (c.resolution, c.range)
+        if self.mode in ("voltage", "bridge"):
+            volts = self.supply[1] if self.mode == "bridge" else 1.0
+            ends = max(a.lower, -widest), min(a.upper, widest)
+            return np.tile([step, *ends, volts * a.gain, volts * a.offset, *self.supply], (self.coils, 1))
         # Also the voltages of the current's limits: a loop tells by the voltage that a limit holds.
         lower = max(a.lower, -widest, (a.current_lower - a.offset) / a.gain)
         upper = min(a.upper, widest, (a.current_upper - a.offset) / a.gain)
@@ -84,10 +138,102 @@ class CoilDrive(Record):
         resistance."""
         _, lower, upper, gain, offset, *_ = self.drives.T
         low, high = gain * lower + offset, gain * upper + offset
+        if self.mode in ("voltage", "bridge"):
+            a = self.amplifier
+            low, high = (end / self.resistance for end in (low, high))
+            low, high = np.maximum(low, a.current_lower), np.minimum(high, a.current_upper)
         if self.resistance is None:
             return low, high
         least, most = (end / self.resistance for end in self.supply)
         return np.maximum(low, least), np.minimum(high, most)
+
+    @property
+    def steady_response(self) -> tuple[Array, Array]:
+        """Gain (n,), A/V, and offset (n,), A, of the currents that last, without limits, by the controller's
+        voltages."""
+        gain, offset = self.drives[:, 3], self.drives[:, 4]
+        if self.mode in ("voltage", "bridge"):
+            return gain / self._at_ambient, offset / self._at_ambient
+        return gain, offset
+
+    @property
+    def _loss(self) -> tuple[float, float]:
+        """Voltage, V, that a bridge loses against the current, and the current, A, within which it is in proportion."""
+        if self.bridge is None or self.mode != "bridge":
+            return 0.0, 0.0
+        return self.bridge.loss(self.supply[1]), self.bridge.ripple
+
+    @property
+    def _at_ambient(self) -> Array:
+        """Resistances (n,), ohm, at the start of a run."""
+        h = self.heating
+        warmer = 0.0 if h is None else h.coefficient * (h.ambient - h.reference)
+        return np.asarray(self.resistance * (1.0 + warmer))
+
+    def slope_of_fall(self, currents: Array) -> Array:
+        """Slopes by the currents of the voltages that coupled coils and their drives lose.
+
+        Parameters
+        ----------
+        currents
+            Currents (n,), A.
+
+        Returns
+        -------
+        Array
+            Slopes (n,), ohm.
+        """
+        loss, ripple = self._loss
+        small = np.abs(currents) < ripple
+        return self._at_ambient + np.where(small, loss / (ripple or 1.0), 0.0)
+
+    def at_rest(self, inputs: Array) -> Array:
+        """Currents that last, without limits and steps.
+
+        Parameters
+        ----------
+        inputs
+            Of the amplifiers (n,), V.
+
+        Returns
+        -------
+        Array
+            Currents (n,), A.
+        """
+        commands = self.drives[:, 3] * inputs + self.drives[:, 4]
+        if self.mode not in ("voltage", "bridge"):
+            return np.asarray(commands)
+        (loss, ripple), resistance = self._loss, self._at_ambient
+        small = commands / (resistance + loss / (ripple or 1.0))
+        beyond = (commands - loss * np.sign(commands)) / resistance
+        return np.asarray(np.where(np.abs(small) < ripple, small, beyond))
+
+    def coil_numbers(self, inductance: Array) -> Array:
+        """Coupled coils as the C core takes them, in the order of fieldmap_coil (fieldmap/core/electrical.h).
+
+        Parameters
+        ----------
+        inductance
+            Of the map at zero currents (n, n), H.
+
+        Returns
+        -------
+        Array
+            Numbers (n, 15).
+        """
+        n, limits = self.coils, (self.amplifier.current_lower, self.amplifier.current_upper)
+        proportional = integral = np.zeros(n)
+        if self.controller is not None and self.mode == "current_controller":
+            own = np.diag(inductance) if self.inductance is None else self.inductance
+            proportional, integral = self.controller.gains(self.resistance, own)
+            limits = -np.inf, np.inf
+        (loss, ripple), heat = self._loss, (0.0, 1.0, 0.0, 0.0, 0.0)
+        if self.heating is not None:
+            h = self.heating
+            heat = h.thermal_resistance, h.thermal_capacity, h.coefficient, h.reference, h.ambient
+        rest = np.tile([*limits, self.slope, loss, ripple, *heat], (n, 1))
+        supply = np.tile(self.supply, (n, 1))
+        return np.column_stack([self.resistance, supply, proportional, integral, rest])
 
     def numbers(self, step: float) -> Array:
         """The drive as the C core takes it for one step, in the order of fieldmap_winding
@@ -107,7 +253,7 @@ class CoilDrive(Record):
         numbers[:, 1] = np.exp(-step / self.time_constant) if self.time_constant else 0.0
         # Without windings nothing but the amplifier's answer: 0 times infinity must not come up.
         numbers[:, 2:] = largest, -largest
-        if self.resistance is not None:
+        if self.resistance is not None and not self.coupled:
             numbers[:, 0] = np.exp(-self.resistance * step / self.inductance)
             numbers[:, 2] = np.clip(self.supply[1] / self.resistance, -largest, largest)
             numbers[:, 3] = np.clip(self.supply[0] / self.resistance, -largest, largest)
@@ -292,6 +438,13 @@ class Machine(Record):
         must = f"must be among {', '.join(CONTACTS)}"
         for name in self.ending:
             check(name in CONTACTS, "Machine(ending)", must, name, "choose among them")
+        if self.drive.coupled:
+            must = "must know the flux linkages of the coils, which couple them"
+            received, remedy = (
+                f"one of {self.magnetic.iron} iron without",
+                "make the map again; take no table",
+            )
+            check(self.magnetic.linkage is not None, "Machine(magnetic)", must, received, remedy)
 
     def end_numbers(self, period: float) -> Ending:
         """What ends a run, as the compiled loop takes it.
@@ -326,7 +479,14 @@ class Machine(Record):
             The machine for the C core.
         """
         body, windings = self.body.numbers(self.drag, self.plate, self.walls), self.drive.numbers(step)
-        plant = self.magnetic.plant(body, self.body.seen_at, windings, self.drive.drives, search)
+        coils = (
+            self.drive.coil_numbers(self.magnetic.inductance()) if self.drive.coupled and not search else None
+        )
+        drives = self.drive.drives
+        if search:
+            # A search is for what lasts.
+            drives[:, 3], drives[:, 4] = self.drive.steady_response
+        plant = self.magnetic.plant(body, self.body.seen_at, windings, drives, search, coils)
         return CoreMachine(plant)
 
     @property
@@ -334,8 +494,10 @@ class Machine(Record):
         """What its motion rests on."""
         drive = self.drive
         winding = "currents follow at once"
-        if drive.resistance is not None:
-            low, high = drive.supply
+        low, high = drive.supply
+        if drive.coupled:
+            winding = f"coils coupled by the linkages of the map, {drive.mode} drive, {low:g} to {high:g} V"
+        elif drive.resistance is not None:
             winding = f"windings by R and L without mutual inductance, {low:g} to {high:g} V"
         notes = (*self.magnetic.assumptions, *self.body.assumptions, *self.allocation.assumptions, winding)
         around = [part.assumptions for part in (self.drag, self.plate, self.sensors) if part is not None]

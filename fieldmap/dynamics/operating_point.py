@@ -87,7 +87,7 @@ def find_operating_point(
     count, must = int(free_place.sum() + free_output.sum()), "must leave three numbers free in all"
     remedy = "free the lift, and of x and y either the place or the signal"
     check(count == 3, "find_operating_point(sensed, outputs)", must, f"{count} NaN", remedy)
-    body, amplifier, weight = machine.body, machine.drive.amplifier, machine.body.mass * machine.body.gravity
+    body, weight = machine.body, machine.body.mass * machine.body.gravity
     core, free = (
         replace(machine, drag=None, plate=None, walls=None).core(1.0, search=True),
         int(free_place.sum()),
@@ -102,7 +102,7 @@ def find_operating_point(
         half = np.sinc(angle / 2 / np.pi) / 2
         state = state_of([0, 0, 0], quaternion=[np.cos(angle / 2), *(half * lean), 0.0])
         state[POSITION : POSITION + 3] = there - sensed_point(state, body.seen_at)
-        return state, amplifier.gain * machine.allocation.voltages(given) + amplifier.offset, given
+        return state, machine.drive.at_rest(machine.allocation.voltages(given)), given
 
     def residual(unknown: Array) -> Array:
         """Forces over the weight, torques about x and y over the weight times 10 mm; steep outside of the map."""

@@ -1004,6 +1004,11 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         """
         return back_emf(self, position, currents, moment, velocity, angular_velocity, orientation)
 
+    @property
+    def linkage(self) -> StoredLinkage | None:
+        """Linkages of the coils as the file has them, to which saturating iron adds its own; None in maps without."""
+        return self._linkage
+
     def _linkages(self) -> StoredLinkage:
         if self._linkage is not None:
             return self._linkage

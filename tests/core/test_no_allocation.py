@@ -14,7 +14,7 @@ import pytest
 
 from fieldmap.core.headers import FOLDER
 
-MATHEMATICS = {"cos", "sin", "sqrt", "floor", "fmin", "fmax"}
+MATHEMATICS = {"cos", "sin", "exp", "sqrt", "floor", "fmin", "fmax"}
 COPYING = {"memcpy", "memmove", "memset", "memcmp"}
 FILES = {
     "fieldmap_read_file": {"fopen", "fseek", "ftell", "fread", "fgetc", "fclose", "malloc"},

@@ -30,7 +30,7 @@ def axial_gradient(points, b0, b1, b2):
     return slope
 
 
-def axial_map(*coils, half=0.02, kind="global"):
+def axial_map(*coils, half=0.02, kind="global", linkage=None):
     """An opened map of coils with the given (b0, b1, b2) per ampere, in a cube about the origin."""
     grid = Grid([-half] * 3, [half / 2] * 3, (5, 5, 5))
     points = grid.points()
@@ -41,6 +41,7 @@ def axial_map(*coils, half=0.02, kind="global"):
         np.ones(n),
         flux_density=np.array([axial_field(points, *c) for c in coils]).reshape(n, 5, 5, 5, 3),
         gradient=np.array([axial_gradient(points, *c) for c in coils]).reshape(n, 5, 5, 5, 3, 3),
+        linkage=linkage,
     )
     return interpolate(data, kind=kind)
 

@@ -25,10 +25,11 @@ QUIET = {
 }
 
 
-def one_coil(axial, drive=None, sensors=None, names=(), **body):
+def one_coil(axial, drive=None, sensors=None, names=(), linkage=None, **body):
     """A machine of that coil, whose sensors see a point 5 mm above the magnet; body: more of `RigidBody`."""
-    carried = RigidBody(MASS, [6e-7, 6e-7, 2e-7], axial.dipole(MOMENT), seen_at=[0, 0, 5e-3], **body)
-    field = superposed(axial.map((0.02, SLOPE, CURVE), kind="harmonic"))
+    of = {"magnet": axial.dipole(MOMENT), "seen_at": [0, 0, 5e-3], **body}
+    carried = RigidBody(MASS, [6e-7, 6e-7, 2e-7], **of)
+    field = superposed(axial.map((0.02, SLOPE, CURVE), kind="harmonic", linkage=linkage))
     one, drag = MatrixAllocation(np.eye(1), np.zeros(1), names), Drag((0.05,) * 3, turning=(1e-5,) * 3)
     drive = drive or CoilDrive(Amplifier(GAIN, -10.0, 10.0), 1)
     return Machine(field, carried, drive, sensors or Sensors(), one, drag)

@@ -25,6 +25,7 @@ from fieldmap.dynamics import (
     prepare,
     read_scenario,
     simulate_closed_loop,
+    stacked,
 )
 from fieldmap.dynamics.linear_loop import (
     ClosedLoop,
@@ -240,14 +241,56 @@ def test_an_unstable_sway_leaves_the_margins_of_the_lift(linear):
     numbers = ("gain_up", "gain_down", "phase", "crossover", "modulus")
     for name in numbers:
         assert getattr(after, name) == pytest.approx(getattr(before, name), rel=1e-9)
+    assert (before.unstable, after.unstable) == (0.0, pytest.approx(0.0, abs=1e-9))
     # Felt in one direction only, x says nothing of itself in the lift; felt in both, it does.
     A[at("velocity_z"), at("x")] = 1.0
     _, (after,) = found(A)
     assert after.modulus == pytest.approx(before.modulus, rel=1e-9)
     A[at("velocity_x"), at("z")] = 100.0
-    assert found(A) == (False, [])
+    stable, (after,) = found(A)
+    assert not stable
+    assert after.unstable == 0.0
+    assert after.modulus < before.modulus
     weak = pid_block(PID(0.1, 0.4, 0.0, PERIOD), AxisReading("z", 1e3))
-    assert found(linear.A, weak) == (False, [])
+    stable, (after,) = found(linear.A, weak)
+    assert not stable
+    assert after.unstable > 0.5
+
+
+def test_margins_hold_beside_an_unstable_axis_that_is_felt(linear):
+    """Loops of z and x, coupled both ways, x too weak for its unstable pole or strong enough: times the margins of an
+    output a pole is on the unit circle, and the number of unstable ones changes there."""
+    at, A, B = linear.states.index, linear.A.copy(), np.hstack([linear.B, np.zeros_like(linear.B)])
+    A[at("velocity_x"), at("x")] *= -1.0
+    A[at("velocity_z"), at("x")], A[at("velocity_x"), at("z")] = 8.0, 12.0
+    B[at("velocity_x"), 1] = B[at("velocity_z"), 0]
+    both = replace(linear, A=A, B=B, D=np.zeros((3, 2)), inputs=("lift", "x"))
+    up = pid_block(PID(2.0, 0.4, 0.06, PERIOD), AxisReading("z", 1e3))
+
+    def poles(aside, factors=(1.0, 1.0)):
+        block = stacked(up, pid_block(PID(aside, np.inf, 0.01, PERIOD), AxisReading("x", 1e3)))
+        times = np.array(factors)[:, None]
+        changed = replace(block, C=times * block.C, D=times * block.D)
+        loop = close_loop(both, changed, Schedule(np.zeros((2, 3)), PERIOD, delay=1e-3))
+        return loop, np.abs(loop.poles)
+
+    for aside, count in ((0.02, 1), (2.0, 0)):
+        lift, x = found = margins(poles(aside)[0], ("lift", "x"))
+        assert (poles(aside)[1] > 1.0).sum() == count
+        # Also with the constant in the memory of a PD controller.
+        assert poles(aside)[0].stable == (count == 0)
+        assert (lift.unstable < 0.01, x.unstable > 0.99) == (True, count == 1)
+        # A stiffness at rest less than that of the field, which both find, lets x go.
+        assert aside * (x.gain_up if count else x.gain_down) == pytest.approx(0.0489, abs=1e-4)
+        for margin, which in zip(found, np.eye(2), strict=True):
+            for factor in {margin.gain_up, margin.gain_down} - {0.0, np.inf}:
+                inside, there, behind = (
+                    poles(aside, 1.0 + share * (factor - 1.0) * which)[1] for share in (0.999, 1.0, 1.001)
+                )
+                assert np.abs(there - 1.0).min() < 1e-6
+                assert (inside > 1.0).sum() == count != (behind > 1.0).sum()
+        ways = np.exp(1j * np.deg2rad([lift.phase, -lift.phase]))
+        assert min(np.abs(poles(aside, (way, 1.0))[1] - 1.0).min() for way in ways) < 1e-6
 
 
 def scaled(linear, pid, factor, delay=1e-3):

@@ -36,7 +36,7 @@ class LinearPoint(Record):
     controllability : of the modes, and their observability.
     coupling : of the axes.
     loop : the closed loop.
-    margins : at the outputs in whose loop no unstable mode takes part.
+    margins : at each output.
     """
 
     depth_mm: float
@@ -85,11 +85,8 @@ def linear_points(experiment: Experiment, depths_mm: Sequence[float] | None = No
 def _point(
     experiment: Experiment, controller: Controller, depth: float, linear: linearisation.LinearMachine
 ) -> LinearPoint:
-    mass, moves = (
-        experiment.machine.body.mass,
-        [linear.states.index(name) for name in linearisation.VELOCITIES],
-    )
-    block = controller.at(linear.operating_point.sensed, -mass * linear.A[moves, :3], mass * linear.B[moves])
+    by_place, by_output = linear.forces
+    block = controller.at(linear.operating_point.sensed, -by_place, by_output)
     sensors = experiment.machine.sensors
     # The rotation of the body about its magnet's axis has no effect on the field, so it is left out of the loop.
     felt = linear.only(tuple(name for name in linear.states if name not in linearisation.ABOUT_Z))

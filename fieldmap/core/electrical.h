@@ -1,0 +1,461 @@
+/* electrical.h: coils that the flux linkages of a map couple with each other and with a payload, and what drives them
+ * (docs/theory/electrical.md).
+ *
+ *     V_k = R_k I_k + d(linkage_k)/dt,   linkage = that of coils and iron at I + sum dB/dI . m of the payload
+ *
+ * A step is that of the implicit midpoint rule. The voltage of a coil is e - g times its mean current in the step: of a
+ * source e is what is asked for; a current controller adds its gains; a limit replaces what is asked for. The linkages are
+ * the state. What Newton's method leaves of them in a step is made good in the next one. Nothing is allocated. In double
+ * precision.
+ *
+ * BSD-3-Clause, the fieldmap developers.
+ */
+#ifndef FIELDMAP_ELECTRICAL_H
+#define FIELDMAP_ELECTRICAL_H
+
+#include "currents.h"
+#include "magnetic_body.h"
+
+/* Where the voltage of a coil comes from: what is asked for, a limit of the supply, or one of the current. */
+enum {
+    FIELDMAP_CURRENT_LOWEST = -2, FIELDMAP_SUPPLY_LOWEST = -1, FIELDMAP_ASKED = 0, FIELDMAP_SUPPLY_HIGHEST = 1,
+    FIELDMAP_CURRENT_HIGHEST = 2
+};
+
+/* Newton steps of a step in time; rounds for what limits hold in one of them. */
+enum { FIELDMAP_ELECTRICAL_STEPS = 12, FIELDMAP_LIMIT_ROUNDS = 24 };
+
+/* A coil and its drive. resistance: ohm, at the reference temperature; lower, upper: V, of the supply; proportional, V/A,
+ * integral, V/(A s): gains of a current controller, both 0 of a source of voltage; current_lower, current_upper: A, where a
+ * source of voltage stops; slope: A/s or V/s, of what is asked for. A bridge loses `loss`, V, against the current, and in
+ * proportion to it within `ripple`, A. warming: K/W; capacity: J/K; coefficient: 1/K, of the resistance; reference, ambient:
+ * degC. */
+typedef struct fieldmap_coil {
+    double resistance, lower, upper, proportional, integral, current_lower, current_upper, slope, loss, ripple;
+    double warming, capacity, coefficient, reference, ambient;
+} fieldmap_coil;
+
+enum { FIELDMAP_COIL = 15 };
+
+/* inductance[n * n], H, constant[n], Wb: of the coils; without saturating iron that adds to both (StoredLinkage). largest: A,
+ * of the domain of that iron.
+ *
+ * State of each coil: linkage, Wb; integral: of its controller, V; asked: what is asked for, after the limit of slope;
+ * voltage: mean of the last step, V; heat, input: J, so far; temperature, degC; source: see the enumeration. known: whether
+ * the linkages are those of a run. counted: heat by the last fieldmap_warm.
+ *
+ * resistance: at the temperature; met: linkages of coils and iron at the currents; tangent[n * n]: incremental inductances at
+ * currents `at`, slopes[fields * n]: derivatives of the weights there; factor: of the matrix of a step of length `step`, 0
+ * for none. along: the payload in each field. The rest is room. */
+typedef struct fieldmap_electrical {
+    int n, fields, known;
+    double step, largest;
+    const fieldmap_coil *coils;
+    const double *inductance, *constant;
+    double *linkage, *integral, *asked, *voltage, *heat, *input, *temperature, *source, *counted, *resistance;
+    double *met, *at, *guess, *change, *right, *given, *gain, *total, *moved, *before, *tangent, *factor, *slopes, *along, *weights, *each;
+    int64_t tangents, steps;
+} fieldmap_electrical;
+
+/* Arrays of n numbers, which begin with those of the state. */
+enum { FIELDMAP_ELECTRICAL_ARRAYS = 20, FIELDMAP_ELECTRICAL_STATE = 8 };
+
+static inline size_t fieldmap_electrical_room(int n, int fields)
+{
+    return (size_t)n * (FIELDMAP_ELECTRICAL_ARRAYS + 2 * (size_t)n + (size_t)fields) + 5 * (size_t)fields;
+}
+
+/* Lay out the arrays in memory of fieldmap_electrical_room() numbers that are zero. */
+static inline void fieldmap_electrical_start(fieldmap_electrical *e, double *memory)
+{
+    const size_t n = (size_t)e->n;
+    double **const arrays[FIELDMAP_ELECTRICAL_ARRAYS] = {
+        &e->linkage, &e->integral, &e->asked, &e->voltage, &e->heat, &e->input, &e->temperature, &e->source, &e->counted,
+        &e->resistance, &e->met, &e->at, &e->guess, &e->change, &e->right, &e->given, &e->gain, &e->total, &e->moved,
+        &e->before};
+    int k;
+    for (k = 0; k < FIELDMAP_ELECTRICAL_ARRAYS; k++, memory += n) *arrays[k] = memory;
+    e->tangent = memory, e->factor = e->tangent + n * n, e->slopes = e->factor + n * n;
+    e->along = e->slopes + n * (size_t)e->fields, e->weights = e->along + e->fields, e->each = e->weights + e->fields;
+    for (k = 0; k < e->n; k++) e->temperature[k] = e->coils[k].ambient;
+}
+
+/* Resistances at the temperatures. */
+static inline void fieldmap_resist_warm(fieldmap_electrical *e)
+{
+    int k;
+    for (k = 0; k < e->n; k++) {
+        const fieldmap_coil *coil = e->coils + k;
+        e->resistance[k] = coil->resistance * (1.0 + coil->coefficient * (e->temperature[k] - coil->reference));
+    }
+    e->step = 0.0;
+}
+
+/* Advance the temperatures by a time in which the windings took the heat since the last call. */
+static inline void fieldmap_warm(fieldmap_electrical *e, double time)
+{
+    int k, warmed = 0;
+    for (k = 0; k < e->n; k++) {
+        const fieldmap_coil *coil = e->coils + k;
+        const double power = (e->heat[k] - e->counted[k]) / time, end = coil->ambient + power * coil->warming;
+        if (!(coil->warming > 0.0)) continue;
+        e->temperature[k] = end + (e->temperature[k] - end) * exp(-time / (coil->warming * coil->capacity));
+        e->counted[k] = e->heat[k];
+        warmed |= coil->coefficient != 0.0;
+    }
+    if (warmed) fieldmap_resist_warm(e);
+}
+
+/* Fill along[fields]: m . b of the body's moments in each field of the map, times `scale`. Moments of soft iron are those in
+ * the field as it is. */
+static inline int fieldmap_payload_along(const fieldmap_path *field, const fieldmap_magnetic_body *body, const double *place,
+                                         const double *r, double scale, int fields, double *along)
+{
+    const int points = fieldmap_body_points(body);
+    double room[FIELDMAP_REACTION_FIELDS], at[3];
+    const double *reacting = NULL;
+    int p, i, status = FIELDMAP_OK;
+    for (i = 0; i < fields; i++) along[i] = 0.0;
+    if (body->n_soft > 0) status = fieldmap_body_reaction(field, body, place, r, room, &reacting, at);
+    for (p = 0; p < points && status == FIELDMAP_OK; p++) {
+        double arm[3], flux[3] = {0.0}, gradient[9], moment[3];
+        if (p < body->n_dipoles) {
+            fieldmap_body_arm(body, p, r, arm);
+            for (i = 0; i < 3; i++) at[i] = place[i] + arm[i];
+        } else {
+            status = fieldmap_body_field(field, body, place, r, p, reacting, arm, at, flux, gradient);
+        }
+        fieldmap_body_moment(body, p, r, flux, moment);
+        if (status == FIELDMAP_OK) status = fieldmap_add_along(field->map, at, moment, along);
+    }
+    for (i = 0; i < fields; i++) along[i] *= scale;
+    return status;
+}
+
+/* total[n]: linkages of coils and iron that are met, and of the payload. */
+static inline void fieldmap_total_linkages(const fieldmap_electrical *e, int saturating, double *total)
+{
+    int f, k;
+    for (k = 0; k < e->n; k++) total[k] = e->met[k] + e->along[k];
+    for (f = e->n; f < e->fields && saturating; f++)
+        for (k = 0; k < e->n; k++) total[k] += e->slopes[f * e->n + k] * e->along[f];
+}
+
+/* Fill met[n] at currents, at which the iron was solved. */
+static inline void fieldmap_meet(fieldmap_electrical *e, fieldmap_iron_state *iron, const double *currents)
+{
+    int k, j;
+    for (k = 0; k < e->n; k++) e->met[k] = 0.0;
+    if (iron != NULL) fieldmap_iron_linkages(iron, e->met);
+    for (k = 0; k < e->n; k++) {
+        e->met[k] = e->met[k] / FIELDMAP_MU0 + e->constant[k];
+        for (j = 0; j < e->n; j++) e->met[k] += e->inductance[k * e->n + j] * currents[j];
+    }
+}
+
+/* Add to the tangent what soft iron of the payload adds to the inductances: b . dm/dB b' of the fields b per ampere. */
+static inline void fieldmap_add_soft_payload(fieldmap_electrical *e, const fieldmap_path *field, const fieldmap_magnetic_body *body,
+                                             const double *place, const double *r, double scale)
+{
+    const int n = e->n;
+    double *unit = e->each, arm[3], at[3], flux[3], gradient[9], inside[3], own[9], slope[9], moved[3];
+    int p, k, j, f, i;
+    for (p = body->n_dipoles; p < fieldmap_body_points(body); p++) {
+        if (fieldmap_body_field(field, body, place, r, p, NULL, arm, at, flux, gradient) != FIELDMAP_OK) return;
+        fieldmap_to_body(r, flux, inside);
+        fieldmap_moment_slope(body->soft + (p - body->n_dipoles), inside, own);
+        fieldmap_turned_matrix(r, own, slope);
+        fieldmap_each_field(field->map, at, unit, NULL);
+        for (k = 0; k < n; k++)
+            for (i = 0; i < 3; i++)
+                for (f = n; f < e->fields; f++) unit[3 * k + i] += e->slopes[f * n + k] * unit[3 * f + i];
+        for (k = 0; k < n; k++) {
+            fieldmap_to_map(slope, unit + 3 * k, moved);
+            for (j = 0; j < n; j++) e->tangent[j * n + k] += scale * scale * fieldmap_dot(unit + 3 * j, moved);
+        }
+    }
+}
+
+/* The same after a solve that moved the currents, from what it knew before its last step, and the tangent's derivative. */
+static inline void fieldmap_meet_solved(fieldmap_electrical *e, const fieldmap_iron_state *iron, const double *currents)
+{
+    const fieldmap_iron *map = iron->map;
+    int k, j;
+    fieldmap_iron_link(map, iron->vector, e->met);
+    for (k = 0; k < e->n; k++) {
+        e->met[k] = (e->met[k] - fieldmap_iron_mixed_dot(iron->sides + (size_t)k * (size_t)map->wide, iron->change, map->wide))
+            / FIELDMAP_MU0 + e->constant[k];
+        for (j = 0; j < e->n; j++) e->met[k] += e->inductance[k * e->n + j] * currents[j];
+    }
+}
+
+/* Incremental inductances and derivatives of the weights at currents, at which the field is. Those of iron that has no solution
+ * stay as they are. */
+static inline void fieldmap_make_tangent(fieldmap_electrical *e, fieldmap_iron_state *iron, const fieldmap_path *field,
+                                         const fieldmap_magnetic_body *body, const double *place, const double *r, double scale,
+                                         const double *currents)
+{
+    const int n = e->n;
+    int k, j, status;
+    e->tangents++;
+    e->step = 0.0;
+    if (iron == NULL) {
+        memcpy(e->tangent, e->inductance, (size_t)(n * n) * sizeof(double));
+    } else {
+        status = fieldmap_iron_linked_slopes(iron, currents, e->weights, e->slopes, e->right, e->factor);
+        if (status != FIELDMAP_OK) return;
+        for (k = 0; k < n; k++)
+            for (j = 0, e->at[k] = currents[k]; j < n; j++)
+                e->tangent[k * n + j] =
+                    e->inductance[k * n + j] + 0.5 * (e->factor[k * n + j] + e->factor[j * n + k]) / FIELDMAP_MU0;
+    }
+    fieldmap_add_soft_payload(e, field, body, place, r, scale);
+}
+
+/* Begin a run at currents, which the field follows, with the linkages that belong to them. Controllers begin with the voltages
+ * that keep them. */
+static inline int fieldmap_electrical_begin(fieldmap_electrical *e, const fieldmap_superposition *of, const fieldmap_path *field,
+                                            const fieldmap_magnetic_body *body, const double *place, const double *r,
+                                            const double *currents)
+{
+    int k, status;
+    e->known = 1;
+    fieldmap_resist_warm(e);
+    fieldmap_make_tangent(e, of->iron, field, body, place, r, of->scale, currents);
+    fieldmap_meet(e, of->iron, currents);
+    status = fieldmap_payload_along(field, body, place, r, of->scale, e->fields, e->along);
+    fieldmap_total_linkages(e, of->iron != NULL, e->linkage);
+    for (k = 0; k < e->n; k++) {
+        const int controlled = e->coils[k].proportional != 0.0 || e->coils[k].integral != 0.0;
+        e->voltage[k] = e->integral[k] = e->resistance[k] * currents[k];
+        e->asked[k] = controlled ? currents[k] : e->voltage[k];
+    }
+    return status;
+}
+
+/* What is asked for goes to the commands as fast as its slope allows. */
+static inline void fieldmap_ask(fieldmap_electrical *e, const double *commands, double h)
+{
+    int k;
+    for (k = 0; k < e->n; k++) {
+        const double most = h * e->coils[k].slope, by = commands[k] - e->asked[k];
+        e->asked[k] = fabs(by) <= most ? commands[k] : e->asked[k] + (by > 0.0 ? most : -most);
+    }
+}
+
+/* given, gain: voltage of coil k, given - gain times its mean current, without the loss of a bridge. current: at the beginning
+ * of the step of length h. */
+static inline void fieldmap_law_of_coil(const fieldmap_electrical *e, int k, double source, double current, double h,
+                                        double *given, double *gain)
+{
+    const fieldmap_coil *coil = e->coils + k;
+    const double stiff = 1e6 * (2.0 * e->tangent[k * e->n + k] / h + e->resistance[k]);
+    *gain = 0.0;
+    if (source == FIELDMAP_SUPPLY_HIGHEST) {
+        *given = coil->upper;
+    } else if (source == FIELDMAP_SUPPLY_LOWEST) {
+        *given = coil->lower;
+    } else if (source != FIELDMAP_ASKED) {
+        *gain = stiff;
+        *given = 0.5 * stiff * (current + (source > 0.0 ? coil->current_upper : coil->current_lower));
+    } else if (coil->proportional == 0.0 && coil->integral == 0.0) {
+        *given = e->asked[k];
+    } else {
+        *gain = coil->proportional + 0.5 * h * coil->integral;
+        *given = *gain * e->asked[k] + e->integral[k];
+    }
+}
+
+/* Cholesky's factor of tangent + h/2 (R + gain), lower triangle. */
+static inline void fieldmap_factor_step(fieldmap_electrical *e, double h)
+{
+    const int n = e->n;
+    int i, j, k;
+    for (i = 0; i < n; i++)
+        for (j = 0; j <= i; j++) {
+            double sum = e->tangent[i * n + j] + (i == j ? 0.5 * h * (e->resistance[i] + e->gain[i]) : 0.0);
+            for (k = 0; k < j; k++) sum -= e->factor[i * n + k] * e->factor[j * n + k];
+            e->factor[i * n + j] = i == j ? sqrt(sum) : sum / e->factor[j * n + j];
+        }
+    e->step = h;
+}
+
+static inline void fieldmap_solve_step(const fieldmap_electrical *e, double *x)
+{
+    const int n = e->n;
+    int i, k;
+    for (i = 0; i < n; i++) {
+        for (k = 0; k < i; k++) x[i] -= e->factor[i * n + k] * x[k];
+        x[i] /= e->factor[i * n + i];
+    }
+    for (i = n - 1; i >= 0; i--) {
+        for (k = i + 1; k < n; k++) x[i] -= e->factor[k * n + i] * x[k];
+        x[i] /= e->factor[i * n + i];
+    }
+}
+
+/* The source of coil k at its mean current and that at the end of a step, where its voltage without the loss of a bridge is
+ * `driving`. */
+static inline double fieldmap_next_source(const fieldmap_electrical *e, int k, double driving, double begin, double change, double h)
+{
+    const fieldmap_coil *coil = e->coils + k;
+    const double mean = begin + 0.5 * change, end = begin + change, source = e->source[k];
+    const double slack = 1e-9 * (fabs(driving) + fabs(e->asked[k]));
+    double given, gain, wanted, within;
+    fieldmap_law_of_coil(e, k, FIELDMAP_ASKED, begin, h, &given, &gain);
+    wanted = given - gain * mean;
+    within = wanted < coil->lower ? coil->lower : wanted > coil->upper ? coil->upper : wanted;
+    /* A limit of the current holds as long as what is asked for would drive it further. */
+    if (source == FIELDMAP_CURRENT_HIGHEST && driving <= within + slack && driving >= coil->lower) return source;
+    if (source == FIELDMAP_CURRENT_LOWEST && driving >= within - slack && driving <= coil->upper) return source;
+    if (source == FIELDMAP_CURRENT_HIGHEST || source == FIELDMAP_CURRENT_LOWEST) {
+        if (source > 0.0 ? driving < coil->lower : driving > coil->upper)
+            return source > 0.0 ? FIELDMAP_SUPPLY_LOWEST : FIELDMAP_SUPPLY_HIGHEST;
+    } else if (end > coil->current_upper && driving > coil->lower) {
+        return FIELDMAP_CURRENT_HIGHEST;
+    } else if (end < coil->current_lower && driving < coil->upper) {
+        return FIELDMAP_CURRENT_LOWEST;
+    }
+    return wanted > coil->upper ? FIELDMAP_SUPPLY_HIGHEST : wanted < coil->lower ? FIELDMAP_SUPPLY_LOWEST : FIELDMAP_ASKED;
+}
+
+/* change[n] of the currents in a step of length h, with `right` for the linkages, and what limits hold: fills given and gain,
+ * with the loss of a bridge. */
+static inline void fieldmap_change_of_currents(fieldmap_electrical *e, const double *currents, double h)
+{
+    int round, k, moved = 1;
+    for (round = 0; round < FIELDMAP_LIMIT_ROUNDS && moved; round++) {
+        for (k = 0; k < e->n; k++) {
+            const fieldmap_coil *coil = e->coils + k;
+            const double before = e->gain[k];
+            fieldmap_law_of_coil(e, k, e->source[k], currents[k], h, e->given + k, e->gain + k);
+            if (fabs(currents[k]) < coil->ripple) e->gain[k] += coil->loss / coil->ripple;
+            else e->given[k] -= currents[k] > 0.0 ? coil->loss : -coil->loss;
+            if (e->gain[k] != before) e->step = 0.0;
+        }
+        if (e->step != h) fieldmap_factor_step(e, h);
+        for (k = 0; k < e->n; k++)
+            e->change[k] = e->right[k] + h * (e->given[k] - (e->resistance[k] + e->gain[k]) * currents[k]);
+        fieldmap_solve_step(e, e->change);
+        for (k = 0, moved = 0; k < e->n; k++) {
+            double given, gain, next;
+            fieldmap_law_of_coil(e, k, e->source[k], currents[k], h, &given, &gain);
+            next = fieldmap_next_source(e, k, given - gain * (currents[k] + 0.5 * e->change[k]), currents[k], e->change[k], h);
+            moved |= next != e->source[k];
+            /* After the last round the voltages are those of the sources that were taken. */
+            if (round < FIELDMAP_LIMIT_ROUNDS - 1) e->source[k] = next;
+        }
+    }
+}
+
+/* Take the step to the currents `guess`: the linkages by Faraday's law, integrals, energies. held: set if a limit holds. */
+static inline void fieldmap_take_step(fieldmap_electrical *e, double h, double *currents, int *held)
+{
+    int k;
+    for (k = 0; k < e->n; k++) {
+        const fieldmap_coil *coil = e->coils + k;
+        const double mean = 0.5 * (currents[k] + e->guess[k]), error = e->asked[k] - mean, source = e->source[k];
+        const double voltage = e->given[k] - e->gain[k] * mean, fall = e->resistance[k] * mean;
+        e->linkage[k] += h * (voltage - fall);
+        e->voltage[k] = voltage;
+        e->input[k] += h * voltage * mean;
+        e->heat[k] += h * fall * mean;
+        if (source == FIELDMAP_ASKED) {
+            e->integral[k] += h * coil->integral * error;
+        } else if (coil->proportional > 0.0) {
+            /* At a limit the integral is that of the reference which the limit allows, so that nothing winds up. */
+            const double share = 0.5 * h * coil->integral / coil->proportional, limit = source > 0.0 ? coil->upper : coil->lower;
+            e->integral[k] = (e->integral[k] * (1.0 - share) + 2.0 * share * limit) / (1.0 + share);
+        }
+        *held |= source != FIELDMAP_ASKED;
+        currents[k] = e->guess[k];
+    }
+}
+
+/* Whether the currents `guess` meet the linkages of a step, of which at most a share of the step is left; else the next Newton
+ * step begins from them. last: what was left before. */
+static inline int fieldmap_step_met(const fieldmap_electrical *e, const double *currents, double h, double tolerance, double *last)
+{
+    double left = 0.0, whole = 0.0, moved = 0.0;
+    int k, j;
+    for (k = 0; k < e->n; k++) {
+        const double mean = 0.5 * (currents[k] + e->guess[k]);
+        const double wanted = e->linkage[k] + h * (e->given[k] - (e->resistance[k] + e->gain[k]) * mean);
+        double by = 0.0;
+        for (j = 0; j < e->n; j++) by += e->tangent[k * e->n + j] * e->change[j];
+        left = fmax(left, fabs(wanted - e->total[k])), whole = fmax(whole, fabs(wanted)), moved = fmax(moved, fabs(by));
+    }
+    /* What the solve of the iron may leave teaches nothing. */
+    *last = left <= 0.5 * tolerance * whole ? 0.0 : left / fmax(moved, 1e-300);
+    return *last <= 0.02;
+}
+
+/* Correct the tangent by the linkages that a change of the currents made: the update of Broyden, Fletcher, Goldfarb and Shanno,
+ * which keeps it symmetric and positive. from: the linkages before. */
+static inline void fieldmap_learn_tangent(fieldmap_electrical *e, const double *from, const double *change)
+{
+    const int n = e->n;
+    double along = 0.0, across = 0.0;
+    int k, j;
+    for (k = 0; k < n; k++) {
+        for (j = 0, e->right[k] = 0.0; j < n; j++) e->right[k] += e->tangent[k * n + j] * change[j];
+        along += (e->total[k] - from[k]) * change[k], across += e->right[k] * change[k];
+    }
+    if (!(along > 0.1 * across) || !(along < 10.0 * across)) return;
+    for (k = 0; k < n; k++)
+        for (j = 0; j < n; j++)
+            e->tangent[k * n + j] +=
+                (e->total[k] - from[k]) * (e->total[j] - from[j]) / along - e->right[k] * e->right[j] / across;
+    e->step = 0.0;
+}
+
+/* Advance the currents of the coils by a step of length h in which the body comes to a place, turned by r[9], and the weights
+ * of the field with them. within: whether the currents lie where it is known how the field follows them. The status of the
+ * map. */
+static inline int fieldmap_drive_coils(fieldmap_electrical *e, fieldmap_superposition *of, const fieldmap_path *field,
+                                       const fieldmap_magnetic_body *body, const double *place, const double *r,
+                                       const double *commands, double h, double *currents, double *weights, int *held, int *within)
+{
+    const int n = e->n, saturating = of->iron != NULL, on_path = of->on_path, exact = !saturating && body->n_soft == 0;
+    const int64_t unsolved = of->unsolved;
+    double left = 0.0, moved = 0.0;
+    int k, j, step, turned, met = 0, status = fieldmap_payload_along(field, body, place, r, of->scale, e->fields, e->along);
+    if (status != FIELDMAP_OK) return status;
+    fieldmap_ask(e, commands, h);
+    fieldmap_total_linkages(e, saturating, e->total);
+    for (k = 0; k < n; k++) e->change[k] = e->moved[k] = 0.0;
+    for (step = 0; step < FIELDMAP_ELECTRICAL_STEPS && !met && status == FIELDMAP_OK; step++) {
+        if (step > 1 && left > 0.2) fieldmap_make_tangent(e, of->iron, field, body, place, r, of->scale, e->guess);
+        for (k = 0; k < n; k++)
+            for (j = 0, e->right[k] = e->linkage[k] - e->total[k]; j < n; j++)
+                e->right[k] += e->tangent[k * n + j] * e->change[j];
+        fieldmap_change_of_currents(e, currents, h);
+        for (k = turned = 0; k < n; k++) {
+            turned |= currents[k] + e->change[k] != (step == 0 ? currents[k] : e->guess[k]);
+            e->guess[k] = currents[k] + e->change[k];
+            e->moved[k] = e->change[k] - e->moved[k], e->before[k] = e->total[k];
+        }
+        e->steps++;
+        /* Trials are no path of iron with hysteresis. */
+        of->on_path = 0;
+        *within = fieldmap_follow(of, e->guess, weights);
+        of->on_path = on_path;
+        fieldmap_path_forget(field);
+        if (!saturating) fieldmap_meet(e, NULL, e->guess);
+        else if (of->unsolved != unsolved) break;
+        else if (turned) fieldmap_meet_solved(e, of->iron, e->guess);
+        if (exact) break;
+        if (body->n_soft > 0) status = fieldmap_payload_along(field, body, place, r, of->scale, e->fields, e->along);
+        fieldmap_total_linkages(e, saturating, e->total);
+        met = fieldmap_step_met(e, currents, h, saturating ? of->iron->tolerance : 1e-9, &left);
+        if (left > 1e-3) fieldmap_learn_tangent(e, e->before, e->moved);
+        for (k = 0; k < n; k++) e->moved[k] = e->change[k];
+    }
+    for (k = 0; k < n && saturating; k++) moved = fmax(moved, fabs(e->guess[k] - e->at[k]));
+    if (moved > 0.02 * e->largest) fieldmap_make_tangent(e, of->iron, field, body, place, r, of->scale, e->guess);
+    if (saturating && on_path && of->iron->map->n_cells > 0) fieldmap_iron_step(of->iron, e->guess);
+    fieldmap_take_step(e, h, currents, held);
+    return status;
+}
+
+#endif
