@@ -151,6 +151,22 @@ class CoilSettings(Record):
         float | None, Key(..., "lowest voltage at a winding; minus the supply's unless given", "V")
     ] = None
     time_constant: Annotated[NotNegative, Key(..., "time constant of the amplifier", "ms")] = 0.0
+    noise: Annotated[NotNegative, Key(..., "standard deviation of the current", "A")] = 0.0
+    output_bits: Annotated[Bits | None, Key(..., "bits of the output converter")] = None
+    output_range: Annotated[
+        Positive, Key(..., "range of the output converter, plus and minus; assumed unless given", "V")
+    ] = USUAL_RANGE
+    end_beyond_table: Annotated[
+        bool, Key(..., "currents beyond the table of the iron, or its model's domain, end the run")
+    ] = False
+    longest_saturation: Annotated[
+        NotNegative,
+        Key(
+            ...,
+            "a limit that is active for so long, in whole periods rounded up, ends the run; 0 for never",
+            "s",
+        ),
+    ] = 0.0
     mode: Annotated[
         Literal["ideal", "current_controller", "voltage", "bridge"],
         Key(
@@ -170,22 +186,6 @@ class CoilSettings(Record):
         Positive | None,
         Key(..., "fastest change of what a coupled drive is asked for, A/s, or V/s of voltages", "per_s"),
     ] = None
-    noise: Annotated[NotNegative, Key(..., "standard deviation of the current", "A")] = 0.0
-    output_bits: Annotated[Bits | None, Key(..., "bits of the output converter")] = None
-    output_range: Annotated[
-        Positive, Key(..., "range of the output converter, plus and minus; assumed unless given", "V")
-    ] = USUAL_RANGE
-    end_beyond_table: Annotated[
-        bool, Key(..., "currents beyond the table of the iron, or its model's domain, end the run")
-    ] = False
-    longest_saturation: Annotated[
-        NotNegative,
-        Key(
-            ...,
-            "a limit that is active for so long, in whole periods rounded up, ends the run; 0 for never",
-            "s",
-        ),
-    ] = 0.0
 
     def drive(self, device: Device) -> CoilDrive:
         """The drive of a device's coils."""
