@@ -37,6 +37,8 @@ OTHERS = {
     "deg": (np.pi / 180.0, "rad"),
     "%": (1e-2, "1"),
     "1": (1.0, ""),
+    # Keys in degrees Celsius stay in them: kelvins beside a zero that is stated.
+    "degC": (1.0, "K"),
 }
 OTHERS |= {"in": (0.0254, "m"), "G": (1e-4, "T"), "Oe": (1e3 / (4.0 * np.pi), "A m-1")}
 PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3}
@@ -45,6 +47,7 @@ PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3}
 def si(text):
     """Factor to SI units and exponents (8,) of a unit: "mm/s", "N m-1", "kg.m2", "mT_per_m", "g_mm2"."""
     factor, exponents = 1.0, np.zeros(len(BASE), int)
+    text = f"1_{text}" if text.startswith("per_") else text
     above, _, below = text.replace("_per_", "/").replace("²", "2").replace("^", "").partition("/")
     for part, side in ((above, 1), (below, -1)):
         for name, power in re.findall(r"([^\W\d_]+|%|\b1\b)(-?\d*)", part):

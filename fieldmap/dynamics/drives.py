@@ -47,7 +47,20 @@ class CurrentController(Record):
             check(gains == (None, None), f"{where}(proportional, integral)", must, gains, "leave one out")
 
     def gains(self, resistance: Array, inductance: Array) -> tuple[Array, Array]:
-        """P (n,), V/A, and I (n,), V/(A s), of coils with resistances (n,), ohm, and inductances (n,), H."""
+        """The gains of each coil.
+
+        Parameters
+        ----------
+        resistance
+            Of the windings (n,), ohm.
+        inductance
+            Of the coils (n,), H.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            P (n,), V/A, and I (n,), V/(A s).
+        """
         if self.bandwidth is None:
             ones = np.ones(len(resistance))
             return float(self.proportional or 0.0) * ones, float(self.integral or 0.0) * ones
@@ -79,7 +92,18 @@ class Bridge(Record):
         check(share < 0.5, "Bridge(dead_time)", must, f"{self.dead_time:g} s", "correct it")
 
     def loss(self, supply: float) -> float:
-        """Mean voltage, V, that it loses against the current at a supply, V."""
+        """Mean voltage that it loses against the current.
+
+        Parameters
+        ----------
+        supply
+            V.
+
+        Returns
+        -------
+        float
+            V.
+        """
         return 2.0 * self.dead_time * self.frequency * supply + self.drop
 
 

@@ -122,7 +122,7 @@ class FieldOfCurrents(Record):
             windings=windings,
             drives=drives,
             on_path=int(not search),
-            coupled=None if coils is None or self.linkage is None else CoupledCoils(coils, *self._coupled),
+            coupled=None if coils is None else CoupledCoils(coils, *self._coupled),
         )
 
     @property

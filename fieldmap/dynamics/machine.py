@@ -118,11 +118,16 @@ class CoilDrive(Record):
         return self.mode != "ideal"
 
     @property
+    def gives_voltage(self) -> bool:
+        """Whether what is asked for is a voltage, or the duty that makes it, and not a current."""
+        return self.mode in ("voltage", "bridge")
+
+    @property
     def drives(self) -> Array:
         """(n, 7), in the order of fieldmap_drive (fieldmap/core/instruments.h)."""
         a, c = self.amplifier, self.converter
         step, widest = (0.0, np.inf) if c is None else (c.resolution, c.range)
-        if self.mode in ("voltage", "bridge"):
+        if self.gives_voltage:
             volts = self.supply[1] if self.mode == "bridge" else 1.0
             ends = max(a.lower, -widest), min(a.upper, widest)
             return np.tile([step, *ends, volts * a.gain, volts * a.offset, *self.supply], (self.coils, 1))
@@ -138,7 +143,7 @@ class CoilDrive(Record):
         resistance."""
         _, lower, upper, gain, offset, *_ = self.drives.T
         low, high = gain * lower + offset, gain * upper + offset
-        if self.mode in ("voltage", "bridge"):
+        if self.gives_voltage:
             a = self.amplifier
             low, high = (end / self.resistance for end in (low, high))
             low, high = np.maximum(low, a.current_lower), np.minimum(high, a.current_upper)
@@ -152,7 +157,7 @@ class CoilDrive(Record):
         """Gain (n,), A/V, and offset (n,), A, of the currents that last, without limits, by the controller's
         voltages."""
         gain, offset = self.drives[:, 3], self.drives[:, 4]
-        if self.mode in ("voltage", "bridge"):
+        if self.gives_voltage:
             return gain / self._at_ambient, offset / self._at_ambient
         return gain, offset
 
@@ -201,7 +206,7 @@ class CoilDrive(Record):
             Currents (n,), A.
         """
         commands = self.drives[:, 3] * inputs + self.drives[:, 4]
-        if self.mode not in ("voltage", "bridge"):
+        if not self.gives_voltage:
             return np.asarray(commands)
         (loss, ripple), resistance = self._loss, self._at_ambient
         small = commands / (resistance + loss / (ripple or 1.0))

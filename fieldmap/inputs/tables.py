@@ -35,10 +35,14 @@ UNITS = {
     "mT": 1e-3,
     "mT_per_m": 1e-3,
     "g_mm2": 1e-9,
+    "us": 1e-6,
+    "mA": 1e-3,
+    "kHz": 1e3,
     **dict.fromkeys(
         ("deg", "ohm", "T", "T_per_m", "A", "A_per_m", "A_per_V", "A_m2", "V", "V_per_T", "N_s_per_m"), 1.0
     ),
     **dict.fromkeys(("s", "Hz", "rad_per_s", "m_per_s2", "N_m_s", "N_m_s2", "N_s2_per_m2", "S_per_m"), 1.0),
+    **dict.fromkeys(("V_per_A", "V_per_A_s", "K_per_W", "J_per_K", "per_K", "per_s", "degC"), 1.0),
 }
 """SI values of the units that keys end with."""
 

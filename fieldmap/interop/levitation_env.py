@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap import dynamics
-from fieldmap.arguments import check_choice, check_not_negative, check_positive, check_signal
+from fieldmap.arguments import check, check_choice, check_not_negative, check_positive, check_signal
 from fieldmap.core.machine import INSIDE, CoreMachine
 from fieldmap.currents import IndependentCurrents
 from fieldmap.dynamics import CoilDrive, Drag, RigidBody, WeightBalance, linearised
@@ -128,6 +128,10 @@ class LevitationEnv(Env):
         self._start, self._tilt, self._limit = float(start), float(tilt), float(limit)
         n, place = len(field.coil_names), self.target + body.magnet_at
         drive = CoilDrive(Amplifier(1.0, -1e9, 1e9), n) if drive is None else drive
+        must = "must be ideal: the environment gives currents"
+        check(
+            not drive.coupled, "LevitationEnv(drive)", must, drive.mode, "use RunningMachine for other drives"
+        )
         balance = WeightBalance(field, body, drive.steady)
         self.rest = balance.currents(place)
         self._known = linearised(field, self.rest) if iron == "linearised" else IRON[iron](field)

@@ -352,7 +352,7 @@ def unit_of(key: str, model: type[BaseModel] | None = None) -> str:
     declared = getattr(model, "declared", {})
     found = UNIT.search(key)
     unit = declared[key].about.unit if key in declared else found[1] if found else ""
-    text = unit.replace("_per_", "/").replace("_", " ").replace("2", "²")
+    text = re.sub("^per_", "1_per_", unit).replace("_per_", "/").replace("_", " ").replace("2", "²")
     return {"": "—", "deg": "degree", "ohm": "Ω"}.get(text, text)
 
 

@@ -83,4 +83,4 @@ def solved(solver: NonlinearSolver, begin: np.ndarray, volts: np.ndarray) -> np.
         return np.linalg.solve(solver.differential_inductance(state), volts - OHMS * currents)
 
     times = STEP * np.arange(1, round(TIME / STEP) + 1)
-    return solve_ivp(rates, (0, TIME), begin, t_eval=times, rtol=1e-4, atol=1e-5).y.T
+    return solve_ivp(rates, (0, times[-1]), begin, t_eval=times, rtol=1e-4, atol=1e-5).y.T

@@ -23,10 +23,13 @@ from fieldmap.dynamics import (
     Sensors,
     linearised,
     modelled,
+    prepare,
+    read_scenario,
     sampled_field,
     state_of,
     superposed,
 )
+from fieldmap.dynamics.loop_run import recorded
 from fieldmap.errors import InputError
 from fieldmap.instruments import Amplifier
 from fieldmap.lookup import MagneticBody, interpolate
@@ -387,3 +390,71 @@ def test_coils_of_iron_that_remembers_take_the_heat_of_hysteresis():
         assert heat > 0.02 * bench.left
     assert np.abs(misses).max() < 2e-4
     assert bench.core.coil_state.steps < 1.2 * len(found)
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory):
+    device = fm.read_device("desk_levitator")
+    return fm.open_map(fm.generate(device, tmp_path_factory.mktemp("desk") / "desk.h5", spacing=4e-3))
+
+
+FAST = {"coils.drive": "current_controller", "coils.controller.bandwidth_Hz": 500.0, "duration_s": 0.6}
+SWITCHED = {
+    "coils.drive": "bridge",
+    "coils.bridge.frequency_kHz": 20.0,
+    "coils.bridge.dead_time_us": 0.5,
+    "coils.bridge.drop_V": 0.7,
+    "coils.bridge.ripple_mA": 4.0,
+    "coils.heating.thermal_resistance_K_per_W": 5.0,
+    "coils.heating.thermal_capacity_J_per_K": 0.01,
+    "coils.heating.limit_degC": 22.5,
+    "coils.slope_per_s": 1e5,
+    "duration_s": 0.2,
+}
+
+
+def test_scenarios_name_drives(desk):
+    """A fast controller holds as an ideal source does; each row of a run has voltages, which obey V = R i at rest."""
+    ideal = fm.simulate("hold", {"duration_s": 0.6, "noise.off": True}, field_map=desk)
+    run = fm.simulate("hold", FAST | {"noise.off": True}, field_map=desk)
+    assert run.event is None
+    assert run.sensed == pytest.approx(ideal.sensed, abs=2e-5)
+    assert run.outputs.shape == ideal.outputs.shape
+    assert run.voltages[0] == pytest.approx(6.0 * run.currents[0])
+    assert np.abs(run.voltages / run.currents / 6.0 - 1).max() > 1e-2
+    assert ideal.voltages.shape == (len(ideal.time), 0)
+    balance = run.windings.energy - run.windings.heat
+    assert np.abs(balance) < 0.02 * run.windings.heat
+
+
+def test_a_scenario_of_a_bridge_with_windings_that_warm_up(desk, tmp_path):
+    experiment = prepare(read_scenario("hold", SWITCHED), desk)
+    drive = experiment.machine.drive
+    assert drive.bridge == Bridge(20e3, 0.5e-6, 0.7, 4e-3)
+    assert drive.heating == Heating(5.0, 0.01, limit=22.5)
+    assert drive.slope == 1e5
+    # 1 V is worth 0.4 A at last, as the device's amplifier has it; of 24 V and 6 ohm that is a tenth of the duty.
+    assert drive.steady_response[0] == pytest.approx([0.4])
+    assert drive.amplifier.gain == pytest.approx(0.1)
+    run = experiment.run(0)
+    # From 20 degC towards 20 + 5 P within 50 ms: the first recorded row above the limit is the time that is told.
+    hot = run.temperatures[:, 0] > 22.5
+    assert run.windings.too_hot == pytest.approx([run.time[np.argmax(hot)]])
+    assert 0.0 < run.windings.too_hot[0] < 0.19
+    record = recorded(run, ("coil",))
+    assert record.arrays["temperatures"][0].shape == record.arrays["voltages"][0].shape == (len(run.time), 1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "where"),
+    [
+        ({"coils.drive": "bridge"}, "coils.bridge"),
+        ({"coils.drive": "current_controller"}, "coils.controller"),
+        (FAST | {"coils.controller.bandwidth_Hz": -1.0}, "coils.controller.bandwidth_Hz"),
+        ({"coils.drive": "valve"}, "coils.drive"),
+    ],
+)
+def test_drives_that_do_not_fit_are_refused_by_their_keys(desk, changes, where):
+    with pytest.raises(InputError) as caught:
+        fm.simulate("hold", changes, field_map=desk)
+    assert where in caught.value.problems[0].where

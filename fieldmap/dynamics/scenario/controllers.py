@@ -369,8 +369,10 @@ CoupledKeys = choice_of([table_of(kind, "kind") for kind in (Lqg, FeedbackLinear
 
 def limits_of(machine: Machine, lower: Array | None, upper: Array | None) -> tuple[Array, Array]:
     """Lowest and highest lift, V, and x and y signals (3,) each: as given, or what the amplifiers give, and 1."""
-    divided, amplifier = isinstance(machine.allocation, ParametrisedAllocation), machine.drive.amplifier
-    lift = amplifier.largest_current / amplifier.gain
+    divided, drive = isinstance(machine.allocation, ParametrisedAllocation), machine.drive
+    lift = drive.amplifier.largest_current / drive.amplifier.gain
+    if drive.gives_voltage:
+        lift = float(drive.drives[:, 2].max())
     # If something that no current drives lifts too, the coils may have to pull down.
     least = -lift if machine.magnetic.constant and not divided else 0.0
     low = np.array([least, -1.0, -1.0]) if lower is None else lower

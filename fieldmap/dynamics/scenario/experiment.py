@@ -145,7 +145,9 @@ def _prepared(scenario: Scenario, field: Field | None, device: Device | None, ow
     body = settings.body.body(device.payload, opened)
 
     # The place at the start, approximate currents that carry the body there, and the allocation.
-    limits = drive_of_device(device, settings.coils.lowest_voltage).steady
+    coils = settings.coils
+    ideal = coils.mode == "ideal"
+    limits = (drive_of_device(device, coils.lowest_voltage) if ideal else coils.drive(device)).steady
     signals = _lift_and_directions(opened, control.allocation, control.allocation_n)
     balance = WeightBalance(opened, body, limits, settings.field.scale)
     held, where = settings.held(), settings.start_for_messages
