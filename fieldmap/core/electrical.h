@@ -452,7 +452,7 @@ static inline int fieldmap_drive_coils(fieldmap_electrical *e, fieldmap_superpos
         for (k = 0; k < n; k++) e->moved[k] = e->change[k];
     }
     for (k = 0; k < n && saturating; k++) moved = fmax(moved, fabs(e->guess[k] - e->at[k]));
-    if (moved > 0.02 * e->largest) fieldmap_make_tangent(e, of->iron, field, body, place, r, of->scale, e->guess);
+    if (moved > 0.001 * e->largest) fieldmap_make_tangent(e, of->iron, field, body, place, r, of->scale, e->guess);
     if (saturating && on_path && of->iron->map->n_cells > 0) fieldmap_iron_step(of->iron, e->guess);
     fieldmap_take_step(e, h, currents, held);
     return status;

@@ -231,6 +231,29 @@ def test_coils_of_saturating_iron_follow_the_maps_linkages(saturating):
     assert np.abs(found - wanted).max() < 1e-4 * np.abs(wanted).max()
 
 
+def test_a_magnet_that_passes_saturating_iron_drives_currents(saturating):
+    """Against scipy with the map's linkages, whose payload's share goes through the iron, too."""
+    ohms, speed, moment, at = np.full(6, 0.5), 2.0, np.array([0.0, 3e5, 1e6]), np.full(6, 0.2)
+    body = RigidBody(1e12, [1e12] * 3, MagneticBody.dipole(moment), gravity=0.0)
+    begin = state_of([0, 0, -0.01], velocity=[0, 0, speed])
+    bench = Bench(replace(modelled(saturating), tolerance=1e-6), ohms, 1e-5, at, begin, body)
+    found = bench.run(800, ohms * at)[-1] - at
+
+    def rates(time, currents):
+        place = [0.0, 0.0, -0.01 + speed * time]
+        ends = [
+            [saturating.flux_linkage(currents + side * coil, place, moment) for side in (1e-4, -1e-4)]
+            for coil in np.eye(6)
+        ]
+        slopes = np.array([(a - b) / 2e-4 for a, b in ends]).T
+        induced = saturating.back_emf(place, currents, moment, [0, 0, speed])
+        return np.linalg.solve(slopes, ohms * (at - currents) - induced)
+
+    wanted = solve_ivp(rates, (0, 8e-3), at, rtol=1e-6, atol=1e-8).y[:, -1] - at
+    assert np.abs(wanted).max() > 0.01
+    assert np.abs(found - wanted).max() < 8e-3 * np.abs(wanted).max()
+
+
 def test_linearised_iron_has_the_inductance_at_its_currents(saturating):
     at = np.full(6, 0.4)
     of = linearised(saturating, at)
