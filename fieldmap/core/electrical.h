@@ -118,14 +118,8 @@ static inline int fieldmap_payload_along(const fieldmap_path *field, const field
     for (i = 0; i < fields; i++) along[i] = 0.0;
     if (body->n_soft > 0) status = fieldmap_body_reaction(field, body, place, r, room, &reacting, at);
     for (p = 0; p < points && status == FIELDMAP_OK; p++) {
-        double arm[3], flux[3] = {0.0}, gradient[9], moment[3];
-        if (p < body->n_dipoles) {
-            fieldmap_body_arm(body, p, r, arm);
-            for (i = 0; i < 3; i++) at[i] = place[i] + arm[i];
-        } else {
-            status = fieldmap_body_field(field, body, place, r, p, reacting, arm, at, flux, gradient);
-        }
-        fieldmap_body_moment(body, p, r, flux, moment);
+        double moment[3];
+        status = fieldmap_body_dipole(field, body, place, r, p, reacting, at, moment);
         if (status == FIELDMAP_OK) status = fieldmap_add_along(field->map, at, moment, along);
     }
     for (i = 0; i < fields; i++) along[i] *= scale;
@@ -141,16 +135,35 @@ static inline void fieldmap_total_linkages(const fieldmap_electrical *e, int sat
         for (k = 0; k < e->n; k++) total[k] += e->slopes[f * e->n + k] * e->along[f];
 }
 
-/* Fill met[n] at currents, at which the iron was solved. */
-static inline void fieldmap_meet(fieldmap_electrical *e, fieldmap_iron_state *iron, const double *currents)
+/* From the linkages of the iron in met[n], times mu0, to those of coils and iron at currents. */
+static inline void fieldmap_meet_coils(fieldmap_electrical *e, const double *currents)
 {
     int k, j;
-    for (k = 0; k < e->n; k++) e->met[k] = 0.0;
-    if (iron != NULL) fieldmap_iron_linkages(iron, e->met);
     for (k = 0; k < e->n; k++) {
         e->met[k] = e->met[k] / FIELDMAP_MU0 + e->constant[k];
         for (j = 0; j < e->n; j++) e->met[k] += e->inductance[k * e->n + j] * currents[j];
     }
+}
+
+/* Fill met[n] at currents, at which the iron was solved. */
+static inline void fieldmap_meet(fieldmap_electrical *e, fieldmap_iron_state *iron, const double *currents)
+{
+    int k;
+    for (k = 0; k < e->n; k++) e->met[k] = 0.0;
+    if (iron != NULL) fieldmap_iron_linkages(iron, e->met);
+    fieldmap_meet_coils(e, currents);
+}
+
+/* As fieldmap_meet, after a solve that moved the currents: from what it knew before its last step, and the derivative of the
+ * tangent. */
+static inline void fieldmap_meet_solved(fieldmap_electrical *e, const fieldmap_iron_state *iron, const double *currents)
+{
+    const int wide = iron->map->wide;
+    int k;
+    fieldmap_iron_link(iron->map, iron->vector, e->met);
+    for (k = 0; k < e->n; k++)
+        e->met[k] -= fieldmap_iron_mixed_dot(iron->sides + (size_t)k * (size_t)wide, iron->change, wide);
+    fieldmap_meet_coils(e, currents);
 }
 
 /* Add to the tangent what soft iron of the payload adds to the inductances: b . dm/dB b' of the fields b per ampere. */
@@ -173,19 +186,6 @@ static inline void fieldmap_add_soft_payload(fieldmap_electrical *e, const field
             fieldmap_to_map(slope, unit + 3 * k, moved);
             for (j = 0; j < n; j++) e->tangent[j * n + k] += scale * scale * fieldmap_dot(unit + 3 * j, moved);
         }
-    }
-}
-
-/* The same after a solve that moved the currents, from what it knew before its last step, and the tangent's derivative. */
-static inline void fieldmap_meet_solved(fieldmap_electrical *e, const fieldmap_iron_state *iron, const double *currents)
-{
-    const fieldmap_iron *map = iron->map;
-    int k, j;
-    fieldmap_iron_link(map, iron->vector, e->met);
-    for (k = 0; k < e->n; k++) {
-        e->met[k] = (e->met[k] - fieldmap_iron_mixed_dot(iron->sides + (size_t)k * (size_t)map->wide, iron->change, map->wide))
-            / FIELDMAP_MU0 + e->constant[k];
-        for (j = 0; j < e->n; j++) e->met[k] += e->inductance[k * e->n + j] * currents[j];
     }
 }
 

@@ -32,7 +32,6 @@ typedef struct fieldmap_field_sensors {
 static inline int fieldmap_add_dipole_readings(
     const fieldmap_field_sensors *of, const double *point, const double *moment, double *readings)
 {
-    fieldmap answers;
     int s, i;
     for (s = 0; s < of->count; s++) {
         const fieldmap_field_sensor *sensor = of->sensors + s;
@@ -42,11 +41,7 @@ static inline int fieldmap_add_dipole_readings(
         readings[s] += FIELDMAP_MU0_OVER_4PI / (square * distance)
             * (3.0 * fieldmap_dot(sensor->axis, from) * fieldmap_dot(moment, from) / square - fieldmap_dot(sensor->axis, moment));
     }
-    if (of->answers == NULL) return FIELDMAP_OK;
-    /* Sets along a moment: the same sum as that of the iron's reaction. */
-    answers = *of->answers;
-    answers.reaction = answers.coefficients, answers.reacting = of->count;
-    return fieldmap_reaction_add(&answers, point, moment, readings);
+    return of->answers == NULL ? FIELDMAP_OK : fieldmap_add_along(of->answers, point, moment, readings);
 }
 
 /* Fill readings[count] of a body at a place, turned by r[9], in a field. The status of the first point at which the field is
@@ -63,17 +58,10 @@ static inline int fieldmap_read_sensors(const fieldmap_field_sensors *of, const 
         readings[s] = field->map->constant ? share[field->map->n_coils] : 0.0;
         for (k = 0; k < field->map->n_coils; k++) readings[s] += share[k] * field->weights[k];
     }
-    /* Magnets keep their moments: only soft iron asks what the field is. */
     if (body->n_soft > 0) status = fieldmap_body_reaction(field, body, place, r, room, &reacting, at);
     for (p = 0; p < fieldmap_body_points(body) && status == FIELDMAP_OK; p++) {
-        double arm[3], flux[3] = {0.0}, gradient[9], moment[3];
-        if (p < body->n_dipoles) {
-            fieldmap_body_arm(body, p, r, arm);
-            for (k = 0; k < 3; k++) at[k] = place[k] + arm[k];
-        } else {
-            status = fieldmap_body_field(field, body, place, r, p, reacting, arm, at, flux, gradient);
-        }
-        fieldmap_body_moment(body, p, r, flux, moment);
+        double moment[3];
+        status = fieldmap_body_dipole(field, body, place, r, p, reacting, at, moment);
         if (status == FIELDMAP_OK) status = fieldmap_add_dipole_readings(of, at, moment, readings);
     }
     return status;

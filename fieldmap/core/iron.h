@@ -967,6 +967,21 @@ static inline int fieldmap_iron_weights(fieldmap_iron_state *state, const double
     return status;
 }
 
+/* moved[3]: w dJ/dh (s - G change) at point p, the change of its moment with the current of a coil, for the derivative `change`
+ * of the amplitudes. */
+FIELDMAP_INLINE void fieldmap_iron_moved(const fieldmap_iron *map, const fieldmap_iron_state *s, int p, int coil, double *moved)
+{
+    const int w = map->wide;
+    const float *g = map->gradients + 3 * (size_t)p * (size_t)w;
+    const double *d = s->susceptible + 6 * (size_t)p, *unit = map->source + 3 * (size_t)p * (size_t)map->n_coils + coil;
+    double u[3];
+    int i;
+    for (i = 0; i < 3; i++) u[i] = unit[i * map->n_coils] - fieldmap_iron_mixed_dot(g + i * w, s->change, w);
+    moved[0] = d[0] * u[0] + d[1] * u[1] + d[2] * u[2];
+    moved[1] = d[1] * u[0] + d[3] * u[1] + d[4] * u[2];
+    moved[2] = d[2] * u[0] + d[4] * u[1] + d[5] * u[2];
+}
+
 /* residual = G^T w dJ/dh (s - G change) - A change, for the field per ampere s of a coil: the residual of the equation
  * for `change`, the derivative of the amplitudes by the coil's current. Sums are in double precision. */
 static inline void fieldmap_iron_left_of_slope(const fieldmap_iron *map, fieldmap_iron_state *s, int coil)
@@ -977,18 +992,15 @@ static inline void fieldmap_iron_left_of_slope(const fieldmap_iron *map, fieldma
     for (j = 0; j < w; j++) residual[j] = 0.0;
     for (p = 0; p < map->p; p++) {
         const float *g = map->gradients + 3 * (size_t)p * (size_t)w;
-        const double *d = s->susceptible + 6 * (size_t)p, *unit = map->source + 3 * (size_t)p * (size_t)map->n_coils + coil;
-        double u[3], x, y, z;
-        for (i = 0; i < 3; i++) u[i] = unit[i * map->n_coils] - fieldmap_iron_mixed_dot(g + i * w, s->change, w);
-        x = d[0] * u[0] + d[1] * u[1] + d[2] * u[2];
-        y = d[1] * u[0] + d[3] * u[1] + d[4] * u[2];
-        z = d[2] * u[0] + d[4] * u[1] + d[5] * u[2];
-        for (j = 0; j < w; j++) residual[j] += x * (double)g[j] + y * (double)g[w + j] + z * (double)g[2 * w + j];
+        double m[3];
+        fieldmap_iron_moved(map, s, p, coil, m);
+        for (j = 0; j < w; j++) residual[j] += m[0] * (double)g[j] + m[1] * (double)g[w + j] + m[2] * (double)g[2 * w + j];
     }
     for (i = 0; i < r; i++) residual[i] -= fieldmap_iron_product(map->air + (size_t)i * (size_t)r, s->change, r);
 }
 
-/* Fill linkages[n_coils], flux linkages that moments w J of the points add, times mu0, T^2 m^3/A: docs/theory/flux_linkage.md (3). */
+/* Fill linkages[n_coils], flux linkages that moments w J of the points add, times mu0, T^2 m^3/A:
+ * docs/theory/flux_linkage.md (3). */
 static inline void fieldmap_iron_link(const fieldmap_iron *map, const double *moments, double *linkages)
 {
     const int coils = map->n_coils;
@@ -1010,18 +1022,14 @@ static inline void fieldmap_iron_linkages(fieldmap_iron_state *s, double *linkag
 
 /* Fill inductance[k * n_coils + coil] for all coils k, the derivatives of linkages of the iron by the current of a coil, times
  * mu0. change: the derivative of the amplitudes, susceptible: that of the moments. Equation (4). */
-static inline void fieldmap_iron_inductance(const fieldmap_iron *map, fieldmap_iron_state *s, int coil, double *inductance)
+static inline void fieldmap_iron_inductance(const fieldmap_iron *map, const fieldmap_iron_state *s, int coil, double *inductance)
 {
-    const int w = map->wide, coils = map->n_coils;
+    const int coils = map->n_coils;
     int i, k, p;
     for (p = 0; p < map->p; p++) {
-        const float *g = map->gradients + 3 * (size_t)p * (size_t)w;
-        const double *d = s->susceptible + 6 * (size_t)p, *unit = map->source + 3 * (size_t)p * (size_t)coils;
-        double u[3], moved[3];
-        for (i = 0; i < 3; i++) u[i] = unit[i * coils + coil] - fieldmap_iron_mixed_dot(g + i * w, s->change, w);
-        moved[0] = d[0] * u[0] + d[1] * u[1] + d[2] * u[2];
-        moved[1] = d[1] * u[0] + d[3] * u[1] + d[4] * u[2];
-        moved[2] = d[2] * u[0] + d[4] * u[1] + d[5] * u[2];
+        const double *unit = map->source + 3 * (size_t)p * (size_t)coils;
+        double moved[3];
+        fieldmap_iron_moved(map, s, p, coil, moved);
         for (k = 0; k < coils; k++)
             for (i = 0; i < 3; i++) inductance[k * coils + coil] += unit[i * coils + k] * moved[i];
     }

@@ -88,22 +88,34 @@ FIELDMAP_INLINE int fieldmap_body_field(
     return status;
 }
 
+/* Place at[3] and moment[3] of point p of a body, of soft iron in a field and in the reaction with these signed weights, or NULL.
+ * Magnets keep their moments, whatever the field. */
+FIELDMAP_INLINE int fieldmap_body_dipole(
+    const fieldmap_path *field, const fieldmap_magnetic_body *body, const double *place, const double *r, int p,
+    const double *reacting, double *at, double *moment)
+{
+    double arm[3], flux[3] = {0.0}, gradient[9];
+    int i, status = FIELDMAP_OK;
+    if (p < body->n_dipoles) {
+        fieldmap_body_arm(body, p, r, arm);
+        for (i = 0; i < 3; i++) at[i] = place[i] + arm[i];
+    } else {
+        status = fieldmap_body_field(field, body, place, r, p, reacting, arm, at, flux, gradient);
+    }
+    fieldmap_body_moment(body, p, r, flux, moment);
+    return status;
+}
+
 /* Add to weights[k] of the reaction those of points first to last - 1 of a body; its soft iron in the field of the reaction
  * with signed weights `reacting` or NULL. */
 static inline int fieldmap_body_reacts(
     const fieldmap_path *field, const fieldmap_magnetic_body *body, const double *place, const double *r, int first, int last,
     const double *reacting, double *weights, double *at)
 {
-    int p, i, status = FIELDMAP_OK;
+    int p, status = FIELDMAP_OK;
     for (p = first; p < last && status == FIELDMAP_OK; p++) {
-        double arm[3], flux[3] = {0.0}, gradient[9], moment[3];
-        if (p < body->n_dipoles) {
-            fieldmap_body_arm(body, p, r, arm);
-            for (i = 0; i < 3; i++) at[i] = place[i] + arm[i];
-        } else {
-            status = fieldmap_body_field(field, body, place, r, p, reacting, arm, at, flux, gradient);
-        }
-        fieldmap_body_moment(body, p, r, flux, moment);
+        double moment[3];
+        status = fieldmap_body_dipole(field, body, place, r, p, reacting, at, moment);
         if (status == FIELDMAP_OK) status = fieldmap_reaction_add(field->map, at, moment, weights);
     }
     return status;
