@@ -56,12 +56,18 @@ class IronState:
         return int(LIBRARY.iron_solve(self.state, currents, tolerance, checked, fresh, weights, slopes))
 
     def linkages(
-        self, currents: Array, linkages: Array, inductance: Array | None, *, tolerance: float
+        self,
+        currents: Array,
+        linkages: Array,
+        inductance: Array | None,
+        *,
+        tolerance: float,
+        fresh: bool = False,
     ) -> int:
         """Fill linkages (c,), the flux linkages that the iron adds at currents (c,), T^2 m^3/A, which is mu0 times
         Wb, and inductance (c, c), their derivatives, T^2 m^3/A^2, which makes the solve a hundred times more exact; the
-        status. Nothing unless it is FOUND."""
-        return int(LIBRARY.iron_linkages(self.state, currents, tolerance, linkages, inductance))
+        status. NaN and nothing unless it is FOUND. fresh: as for `solve`."""
+        return int(LIBRARY.iron_linkages(self.state, currents, tolerance, fresh, linkages, inductance))
 
     def step(self, currents: Array, weights: Array, *, tolerance: float) -> int:
         """Go straight to currents (c,), after which the cells of iron with hysteresis remember the state; fill weights

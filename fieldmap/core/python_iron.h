@@ -68,24 +68,27 @@ static PyObject *iron_solve(PyObject *self, PyObject *const *args, Py_ssize_t gi
     return PyLong_FromLong(status);
 }
 
-/* iron_linkages(state, currents, tolerance, linkages, inductance): the status; inductance may be None. Times mu0. */
+/* iron_linkages(state, currents, tolerance, fresh, linkages, inductance): the status; inductance may be None. Times mu0. */
 static PyObject *iron_linkages(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
-    reader from = arguments(args, given, 5);
+    reader from = arguments(args, given, 6);
     fieldmap_iron_state *state = (fieldmap_iron_state *)held_of(&from, "state", STATE);
     const int coils = state == NULL ? 0 : state->map->n_coils, fields = state == NULL ? 0 : state->map->n_fields;
     const double *currents = numbers_of(&from, "currents", 1, coils).at, tolerance = real_of(&from, "tolerance");
+    const int fresh = truth_of(&from, "fresh");
     double *linkages = filled_of(&from, "linkages", coils);
     double *inductance = filled_or_none(&from, "inductance", (npy_intp)coils * coils);
-    double *weights = (double *)memory_of(&from, (size_t)fields * sizeof(double));
-    double *slopes = (double *)memory_of(&from, (size_t)(fields * coils) * sizeof(double));
+    /* Only slopes need room, for the weights and theirs. */
+    const size_t room = inductance == NULL ? 1 : (size_t)(fields * (1 + coils));
+    double *weights = (double *)memory_of(&from, room * sizeof(double));
     int k, status;
     (void)self;
     if (PyErr_Occurred()) return answer(&from, NULL);
     state->tolerance = tolerance, state->checked = 0;
+    if (fresh) state->count = 0;
     Py_BEGIN_ALLOW_THREADS
     if (inductance != NULL) {
-        status = fieldmap_iron_linked_slopes(state, currents, weights, slopes, linkages, inductance);
+        status = fieldmap_iron_linked_slopes(state, currents, weights, weights + fields, linkages, inductance);
     } else {
         status = fieldmap_iron_solve_at(state, currents, tolerance);
         if (status == FIELDMAP_OK) fieldmap_iron_linkages(state, linkages);
@@ -241,7 +244,8 @@ static PyObject *cells_respond(PyObject *self, PyObject *const *args, Py_ssize_t
 }
 
 #define IRON_FUNCTIONS \
-    FUNCTION(iron_of_numbers), FUNCTION(iron_state), FUNCTION(iron_solve), FUNCTION(iron_linkages), FUNCTION(iron_solve_in), FUNCTION(iron_step), \
+    FUNCTION(iron_of_numbers), FUNCTION(iron_state), FUNCTION(iron_solve), FUNCTION(iron_linkages), FUNCTION(iron_solve_in), \
+    FUNCTION(iron_step), \
     FUNCTION(iron_remembered), FUNCTION(iron_recall), \
     FUNCTION(iron_amplitudes), FUNCTION(iron_continued), FUNCTION(cells_respond)
 #define IRON_CONSTANTS \

@@ -174,8 +174,7 @@ def _dipoles(magnet: MagneticBody | ArrayLike) -> MagneticBody:
             received, remedy = f"{len(magnet.soft)} soft pieces", "give the moment that it has at its place"
             raise InputError.of("write_fmu(magnet)", must_hold, received, remedy)
         return magnet
-    moment = np.array(check_signal("write_fmu(magnet)", magnet, columns=3))
-    return MagneticBody(np.zeros((1, 3)), moment.reshape(1, 3))
+    return MagneticBody.dipole(np.ravel(check_signal("write_fmu(magnet)", magnet, columns=3)))
 
 
 def _first_currents(field: FieldMap | MapAtCurrents) -> Array:

@@ -104,7 +104,7 @@ class MagnetForces:
         data, known = self._mujoco.MjData(self._model), []
         for body, magnet in self._bodies:
             if not isinstance(magnet, MagneticBody):
-                magnet = MagneticBody(np.zeros((1, 3)), magnet.reshape(1, 3))
+                magnet = MagneticBody.dipole(magnet)
             known.append(Magnet(magnet.core, body, _free_joint(self._mujoco, self._model, body)))
         layout = Layout(
             ctypes.cast(library.mj_applyFT, ctypes.c_void_p).value or 0,

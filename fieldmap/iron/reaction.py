@@ -44,29 +44,11 @@ _SEED = 58
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ReactionFields(Record):
-    """Fields b_k in the workspace, of charge densities (k, s) on faces, T; T/sqrt(J).
-
-    repelled: of how many, the last, the sign s_k is -1. dipoles: from how many solved ones they were made.
-    asymmetry: largest difference of the reactions of two of them on each other, as a share of the largest.
-    error: of the reaction to a dipole at its own place, and of the force in it, as shares: the largest at places that
-    the choice of the fields did not see. It is that of too few fields, not of the mesh. change: the same of these
-    fields for saturating iron at other currents than those that they belong to, the largest that was tried.
-    """
+class _FieldsOfIron(Record):
+    """Fields of charge densities (k, s), T per unit of what magnetises the iron, on faces."""
 
     faces: ChargedFaces
     charge: Array
-    repelled: int
-    dipoles: int
-    asymmetry: float
-    error: float
-    width: float
-    change: float = 0.0
-
-    @property
-    def signs(self) -> Array:
-        """Signs s (k,)."""
-        return signs_of(len(self.charge), self.repelled)
 
     def fields(self, points: Array) -> tuple[Array, Array]:
         """The fields at points.
@@ -79,9 +61,33 @@ class ReactionFields(Record):
         Returns
         -------
         tuple[Array, Array]
-            b (k, n, 3), T/sqrt(J), and db_i/dx_j (k, n, 3, 3).
+            Flux densities (k, n, 3) and their gradients dB_i/dx_j (k, n, 3, 3), by m.
         """
         return self.faces.field_and_gradient(points, self.charge)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ReactionFields(_FieldsOfIron):
+    """Fields b_k in the workspace, of charge densities (k, s) on faces, T; T/sqrt(J).
+
+    repelled: of how many, the last, the sign s_k is -1. dipoles: from how many solved ones they were made.
+    asymmetry: largest difference of the reactions of two of them on each other, as a share of the largest.
+    error: of the reaction to a dipole at its own place, and of the force in it, as shares: the largest at places that
+    the choice of the fields did not see. It is that of too few fields, not of the mesh. change: the same of these
+    fields for saturating iron at other currents than those that they belong to, the largest that was tried.
+    """
+
+    repelled: int
+    dipoles: int
+    asymmetry: float
+    error: float
+    width: float
+    change: float = 0.0
+
+    @property
+    def signs(self) -> Array:
+        """Signs s (k,)."""
+        return signs_of(len(self.charge), self.repelled)
 
     def second_gradient(self, points: Array) -> Array:
         """The second derivatives of the fields, by central differences of their gradients.
@@ -104,30 +110,12 @@ class ReactionFields(Record):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class DipoleAnswers(Record):
+class DipoleAnswers(_FieldsOfIron):
     """The fields of iron that each of k dipoles of 1 A m^2 magnetises: charge densities (k, s) on faces, T/(A m^2).
 
     By reciprocity the answer to a dipole along a sensor's axis, in its place, tells what the sensor reads of the iron's
     reaction to a magnet: the moment times the answer at the magnet (docs/field_sensors.md).
     """
-
-    faces: ChargedFaces
-    charge: Array
-
-    def fields(self, points: Array) -> tuple[Array, Array]:
-        """The fields at points.
-
-        Parameters
-        ----------
-        points
-            Positions (n, 3) in the air, m.
-
-        Returns
-        -------
-        tuple[Array, Array]
-            B (k, n, 3), T/(A m^2), and dB_i/dx_j (k, n, 3, 3).
-        """
-        return self.faces.field_and_gradient(points, self.charge)
 
 
 def answers_to_sensors(

@@ -314,7 +314,7 @@ class Balance(MagnetBalance):
     @property
     def dipoles(self) -> MagneticBody:
         """One along the third axis."""
-        return MagneticBody(np.zeros((1, 3)), np.array([[0.0, 0.0, self.magnitude]]))
+        return MagneticBody.dipole([0.0, 0.0, self.magnitude])
 
     def stiffness(self, position: Array) -> Array:
         """-dF/dx (3, 3) at one position (3,), N/m."""

@@ -193,10 +193,10 @@ class CurrentModel:
         """
         if self._outside != "evaluate" and (problem := self._outside_domain(currents)) is not None:
             raise OutsideMapError(problem)
-        (state, _), coils = self._beginning("tight"), len(currents)
+        (state, fresh), coils = self._beginning("tight"), len(currents)
         added, slopes = np.empty(coils), np.zeros((coils, coils))
         amperes, of_slopes = np.array(currents, dtype=np.float64), slopes if inductance else None
-        if state.linkages(amperes, added, of_slopes, tolerance=_OF_LINKAGES) != FOUND:
+        if state.linkages(amperes, added, of_slopes, tolerance=_OF_LINKAGES, fresh=fresh) != FOUND:
             raise not_converged(currents, state.left)
         return added / MU0, slopes / MU0
 

@@ -159,7 +159,7 @@ def _following(
         ):
             raise _wrong("moment", "with a direction one positive number, its size in A m^2", size)
         # As a body, to which the iron reacts.
-        moment = MagneticBody(np.zeros((1, 3)), float(size) * unit[None, :])
+        moment = MagneticBody.dipole(float(size) * unit)
     across = np.linalg.svd(unit[None, :])[2][1:]
     names = ("B across 1", "B across 2")
     if force is None and gradient is None:

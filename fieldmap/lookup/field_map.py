@@ -928,7 +928,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         Raises
         ------
         InputError
-            For a map without linkages, which the message gives the reason of.
+            For a map without linkages, with the reason; for a position without a moment, or the other way round.
         OutsideMapError
             For currents beyond the domain of a map of saturating iron, and for a position outside the box.
 
@@ -937,6 +937,9 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         >>> m = open_map("maps/out/desk_levitator.h5")                                # doctest: +SKIP
         >>> m.flux_linkage(1.0), m.flux_linkage(0.0, [0, 0, -0.02], [0, 0, 1.2])      # doctest: +SKIP
         """
+        both = (position is None) == (moment is None)
+        must_hold, remedy = "both must be given, or neither", "give the payload's place and its moment"
+        check(both, "flux_linkage(position, moment)", must_hold, "one of them", remedy)
         amperes, known = coil_currents(currents, self.coil_names), self._linkages()
         found = known.constant + known.inductance @ amperes
         if self._model is not None:

@@ -174,9 +174,7 @@ def _bodies_at(
     where, remedy = "currents_for_several, moments", "give a moment (3,) or a MagneticBody for each position"
     check(len(moments) == len(places), where, f"must be {len(places)}", len(moments), remedy)
     bodies = tuple(
-        one
-        if isinstance(one, MagneticBody)
-        else MagneticBody(np.zeros((1, 3)), check_vector(where, one, remedy)[None])
+        one if isinstance(one, MagneticBody) else MagneticBody.dipole(check_vector(where, one, remedy))
         for one in moments
     )
     return places, bodies, np.array(checked_turns(orientations, len(places)))

@@ -101,7 +101,10 @@ def test_a_dipole_on_the_axis_of_a_loop():
 def test_linkages_and_forces_are_derivatives_of_one_coenergy(m):
     """d(linkage)/dx at fixed currents = dF/dI, of magnets and of soft iron; both by differences."""
     step, ampere = 1e-5, 1e-3
-    soft = MagneticBody(np.zeros((1, 3)), MOMENT[None], soft=(soft_piece(fm.SoftSphere(2e-3, mu_r=50.0)),))
+    points = np.array([[3e-3, -1e-3, 2e-3], [-2e-3, 0.0, 1e-3]])
+    soft = MagneticBody(
+        points, np.array([MOMENT, -0.5 * MOMENT]), soft=(soft_piece(fm.SoftSphere(2e-3, mu_r=50.0)),)
+    )
     for body in (MagneticBody.dipole(MOMENT), soft):
         for axis in np.eye(3):
             ends = [payload_linkage(m, PLACE + sign * step * axis, CURRENTS, body) for sign in (1, -1)]
@@ -138,6 +141,13 @@ def test_a_map_adds_air_magnets_and_iron(m):
         AIR.inductance @ CURRENTS + AIR.constant + iron[0], rel=1e-12
     )
     assert m.inductance(CURRENTS) == pytest.approx(AIR.inductance + iron[1], rel=1e-7)
+    # Equal currents give equal bits, whatever was asked before.
+    m.flux_linkage(-CURRENTS), m.inductance(0.5 * CURRENTS)
+    for again, before in zip(m._model.linkages(CURRENTS, inductance=True), iron, strict=True):
+        np.testing.assert_array_equal(again, before)
+    for one in ({"position": PLACE}, {"moment": MOMENT}):
+        with pytest.raises(InputError):
+            m.flux_linkage(CURRENTS, **one)
     with pytest.raises(OutsideMapError):
         m.flux_linkage(100.0)
     with pytest.raises(InputError):

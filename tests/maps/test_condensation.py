@@ -8,6 +8,7 @@ import pytest
 from fieldmap.currents import CurrentDomain, IndependentCurrents, LiftAndDirections
 from fieldmap.device.materials.froehlich import Froehlich
 from fieldmap.iron.elements.bh_law import law_tables, straight_laws
+from fieldmap.iron.solvers.reduced import Weights
 from fieldmap.maps.training import condensation
 from fieldmap.maps.training.condensation import condensed
 from fieldmap.maps.training.currents import extreme_signals, sequence
@@ -203,6 +204,27 @@ def test_currents_lie_beside_those_of_signals_by_a_twentieth_of_the_largest():
     assert 0.0499 < shares.max() <= 0.05
     assert -0.05 <= shares.min() < -0.0499
     assert np.abs(shares.mean(axis=0)).max() < 0.005
+
+
+def test_a_point_more_or_less_changes_the_linkages_by_its_condition(free):
+    """An error of a weight changes what a state links by itself, and moves the state: both are in the condition."""
+    currents = np.array([0.9, -0.4, 1.3])
+    amplitude = solved(free.model, currents[None], 1e-12)[0]
+    conditions = free.model.conditions(currents, amplitude, free.fields, Weights(0.03, 1.0))
+    added = conditions.of_points(free.model)[:, free.model.modes :]
+
+    def linked(model):
+        state = model.solve(currents, amplitude, 1e-12)[0]
+        return model.sums(model.moments(currents, state))[model.modes :]
+
+    for point in (20, 150, 260):
+        ends = []
+        for share in (1e-3, -1e-3):
+            weights = free.model.weights.copy()
+            weights[point] *= 1.0 + share
+            ends.append(linked(replace(free.model, weights=weights)))
+        changed = (ends[0] - ends[1]) / 2e-3 / np.abs(linked(free.model)).max()
+        assert changed == pytest.approx(added[point], rel=1e-2, abs=1e-3 * np.abs(added).max())
 
 
 def test_conditions_on_the_points_are_met_by_their_own_weights(free):

@@ -383,14 +383,14 @@ def test_modes_of_many_columns_leave_no_more_than_the_best_there_are(solver, mon
 
 
 def test_a_part_of_the_points_tells_the_energy(solver, monkeypatch):
-    """Lengths in the coordinates of `error_coordinates` are those that all the points give."""
+    """Sizes of the residuals are those that all the points give."""
     currents = np.array([1.6, 1.4])
     modes = SolvedModes(solver, snapshots(solver, False, currents), 20, 0.0)
     amplitude = modes.amplitude(currents)
     fields = np.zeros((modes.model.modes, 1))
 
     def contributions(model):
-        combine = model.error_coordinates(currents, amplitude, fields, 1.0)
+        combine = model.conditions(currents, amplitude, fields, reduced.Weights(1.0, 0.0)).combine
         return model.contributions(model.moments(currents, amplitude), combine)
 
     exact = contributions(modes.model)
@@ -509,7 +509,8 @@ def test_contributions_are_counted_by_the_error_that_they_cause(solver):
             (fields, 1e-9, of_fields),
             (fields, 0.5, np.hypot(of_fields, 0.5 * caused)),
         ):
-            combine = model.error_coordinates(currents, amplitude, parts, energy)
+            factor = model.tangent_factor(currents, amplitude)
+            combine = reduced.error_coordinates(factor, amplitude, parts, energy)
             predicted = np.linalg.norm(share @ model.contributions(moments, combine))
             assert predicted == pytest.approx(expected, rel=0.02)
         np.testing.assert_allclose(

@@ -9,6 +9,7 @@ import pytest
 
 from fieldmap.currents import CurrentDomain, IndependentCurrents
 from fieldmap.iron.solvers.reduced import GalerkinModel
+from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.maps.forecast import STAGES, Forecast, states_needed
 from fieldmap.maps.training import condensation, search, training
 from fieldmap.maps.training.currents import extreme_signals, held_out, sequence, training_signals
@@ -142,6 +143,26 @@ def test_stated_errors_are_those_of_states_solved_anew(trained):
         assert largest[1] <= 4.0 * trained.plan.accuracy
     anywhere = errors_at(trained, trained.domain.at(np.random.default_rng(5).random((40, trained.coils))))
     assert (anywhere[:, 2] <= 1.5 * np.array(largest)).all()
+
+
+def test_stated_errors_of_linkages_are_those_of_states_solved_anew(trained):
+    """The model as the C core solves it, beside the bar's own linkages and their differences."""
+    stated, currents = trained.about["linkage_error"], held_out(trained.domain, trained.plan.held_out)
+    names = tuple("abc"[: trained.coils])
+    model, off = CurrentModel(trained.found.model, names, outside="evaluate"), []
+    for row in currents:
+        state = trained.solver.potential(row)
+        theirs = trained.solver.iron_linkage(row, state), trained.solver.iron_inductance(row, state)
+        both = zip(model.linkages(row, inductance=True), theirs, strict=True)
+        off.append([np.abs(ours - whole).max() / np.abs(whole).max() for ours, whole in both])
+    shares = np.array(off)
+    assert stated["states"] == len(currents)
+    assert stated["share"] == pytest.approx(shares[:, 0].max(), rel=0.03)
+    compared = stated["inductance_states"]
+    assert compared == min(4, len(currents))
+    assert stated["inductance_share"] == pytest.approx(shares[:compared, 1].max(), rel=0.03)
+    assert stated["share"] < 0.05
+    assert stated["inductance_share"] < 0.3
 
 
 def test_what_was_solved_is_counted_by_its_kind(trained):

@@ -183,15 +183,6 @@ class GalerkinModel(Record):
     def _core(self) -> CoreIron:
         return self._core_with(np.zeros((len(self.gradients), 0)), np.zeros(0))
 
-    def error_coordinates(self, currents: Array, amplitude: Array, fields: Array, energy: float) -> Array:
-        """C (r, r), so that |R^T C|^2 is the squared size of the error that a residual R (r,) causes in a state: that
-        of its fields, as a share of its own, plus `energy`^2 times that of its energy, as a share of its own.
-
-        fields (r, m): of the modes, at m numbers of interest. To first order: the error is K^-1 R, with the tangent K
-        of the state.
-        """
-        return error_coordinates(self._few.tangent_factor(currents, amplitude), amplitude, fields, energy)
-
     def conditions(
         self, currents: Array, amplitude: Array, fields: Array, weights: "Weights"
     ) -> "Conditions":
@@ -289,7 +280,13 @@ class GalerkinModel(Record):
 
 
 def error_coordinates(factor: Array, amplitude: Array, fields: Array, energy: float) -> Array:
-    """As `GalerkinModel.error_coordinates`, with the Cholesky factor (r, r), lower, of the tangent."""
+    """C (r, r), so that |R^T C|^2 is the squared size of the error that a residual R (r,) causes in a state of
+    amplitudes (r,): that of its fields, as a share of its own, plus `energy`^2 times that of its energy, as a share of
+    its own.
+
+    fields (r, m): of the modes, at m numbers of interest. To first order: the error is K^-1 R, with the tangent K of
+    the state, of which `factor` (r, r) is the Cholesky factor, lower.
+    """
     inverse = solve_triangular(factor, np.eye(len(factor)), lower=True)
     # K = L L^T: R . K^-1 R = |L^-1 R|^2, and a . K a = |L^T a|^2.
     caused = inverse.T @ (inverse @ fields) / (np.linalg.norm(amplitude @ fields) or 1.0)
