@@ -46,7 +46,7 @@ class Plan(Record):
         bool,
         Key(
             bool,
-            "whether inductances are accurate as well; a change of currents then takes 4 to 10 times as long",
+            "whether inductances are accurate as well; a change of currents then takes 3 to 17 times as long",
         ),
     ] = False
     tolerance: float = 1e-3
