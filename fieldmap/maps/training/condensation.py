@@ -48,9 +48,10 @@ _ADJOINT, _ROUNDS = 0.07, 3
 # Weight of the energy of the error relative to its field, in the choice of points. It is a tenth of that in training,
 # because there are many more states.
 _ENERGY = 0.03
-# Weights of the errors of flux linkages and, if they are wanted, of inductances. These need modes that represent how
-# states follow the currents, too: the weight of these derivatives relative to the states.
-_LINKAGE, _INDUCTANCE, _SLOPES = 0.3, 1.0, 0.5
+# Weight of the errors of flux linkages: with more of it there are points that the fields do not need. If inductances are
+# wanted, weights of both; these need modes that represent how states follow the currents, too: the weight of these
+# derivatives relative to the states.
+_LINKAGE, _WITH_INDUCTANCE, _SLOPES = 0.1, (0.3, 1.0), 0.5
 # Root mean square, over the states, of the change of the field by fewer points, as a multiple of the accuracy: the
 # first value tried, the factor to the next one, and the last one.
 _COARSE, _FINER, _FINEST = 0.5, 0.95, 0.02
@@ -163,7 +164,7 @@ class _States:
         self, model: GalerkinModel, currents: Array, amplitudes: Array, fields: Array, inductance: bool
     ) -> None:
         self._model, self._currents, self._amplitudes, self._fields = model, currents, amplitudes, fields
-        self._weights = Weights(_ENERGY, _LINKAGE, _INDUCTANCE if inductance else 0.0)
+        self._weights = Weights(_ENERGY, *(_WITH_INDUCTANCE if inductance else (_LINKAGE,)))
         size = np.linalg.norm(amplitudes @ fields, axis=1)
         # The least size avoids division by zero for a state without a field.
         self._size = np.maximum(size, 1e-3 * size.max()) if size.any() else np.ones(len(size))
