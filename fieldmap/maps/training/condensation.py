@@ -48,8 +48,8 @@ _ADJOINT, _ROUNDS = 0.07, 3
 # Weight of the energy of the error relative to its field, in the choice of points. It is a tenth of that in training,
 # because there are many more states.
 _ENERGY = 0.03
-# Weight of the errors of flux linkages: with more of it there are points that the fields do not need. If inductances are
-# wanted, weights of both; these need modes that represent how states follow the currents, too: the weight of these
+# Weight of the errors of flux linkages: with more of it there are points that the fields do not need. Where inductances
+# are wanted, weights of both; these need modes that represent how states follow the currents, too: the weight of these
 # derivatives relative to the states.
 _LINKAGE, _WITH_INDUCTANCE, _SLOPES = 0.1, (0.3, 1.0), 0.5
 # Root mean square, over the states, of the change of the field by fewer points, as a multiple of the accuracy: the
