@@ -264,7 +264,8 @@ class Payload(Made):
     something turns, that of a uniform body of the shape and size of the magnet or the pieces (`uniform_inertia`). drag:
     N s/m. pieces: magnets and soft iron in place of one magnet, `PayloadPiece` or a shape in the middle; what they make
     of a field is `fieldmap.lookup.magnetic_body`. volume_level: of the volume rule that integrates the field over each
-    magnet (`fieldmap.lookup.volume_rule`); 1 takes each as a point dipole in its middle.
+    magnet (`fieldmap.lookup.volume_rule`); 1 takes each as a point dipole in its middle. soft_level: of what stands for
+    each piece of soft iron (`fieldmap.lookup.soft_rule`).
 
     >>> bead = Payload(mass=0.26e-3, pieces=[SoftSphere(4e-3, mu_r=1000.0)])
     >>> bead.soft, bead.moment, f"{bead.principal_moments[0]:.2e} kg m2"
@@ -328,6 +329,14 @@ class Payload(Made):
             "1 takes each magnet as a point dipole in its middle",
         ),
     ] = 3
+    soft_level: Annotated[
+        int,
+        Key(
+            Annotated[int, Field(ge=1, le=2)],
+            "of soft iron: 1, one dipole that answers the field in the middle of a piece; 2, six that answer its "
+            "gradient, too, for pieces whose size counts beside the distance of the nearest iron or coil",
+        ),
+    ] = 1
 
     def __post_init__(self) -> None:
         if isinstance(self.pieces, list | tuple):
@@ -387,6 +396,15 @@ class Payload(Made):
         return "point dipole"
 
     @property
+    def soft_rule(self) -> str:
+        """What stands for each of its pieces of soft iron, in words; empty where it has none."""
+        if not self.soft:
+            return ""
+        if self.soft_level == 1:
+            return "one dipole a piece for the field in its centre"
+        return "six dipoles a piece for the field and its gradient"
+
+    @property
     def principal_moments(self) -> tuple[float, float, float] | None:
         """Inertia, kg m^2: as given, or of a uniform body of this mass in the shape of the magnet, or of the pieces if
         the payload's axes are their principal axes; None otherwise."""
@@ -401,7 +419,8 @@ class Payload(Made):
         """What stands for its magnetism, and where it sits."""
         depth = f"magnet_offset {1e3 * self.magnet_offset:g} mm below the point that the sensor reads"
         what = [f"payload of {_pieces_text(self.pieces)}"] if self.pieces else []
-        return (", ".join([*what, *([self.rule] if self.rule else []), depth]),)
+        soft = f"soft iron of {self.soft_rule}" if self.soft else ""
+        return (", ".join([*what, *(rule for rule in (self.rule, soft) if rule), depth]),)
 
     @property
     def description(self) -> str:
@@ -481,7 +500,7 @@ AnyPayload: Any = choice_with(
         "with a magnet": table_of(
             Payload,
             name="PayloadWithMagnet",
-            without=("pieces",),
+            without=("pieces", "soft_level"),
             needed=("magnet",),
             takes=lambda payload: _alone(payload) and payload.magnet is not None,
             text="Payload whose moment follows from its magnet: volume times remanence over mu0.",
@@ -489,7 +508,7 @@ AnyPayload: Any = choice_with(
         "with a moment": table_of(
             Payload,
             name="PayloadWithMoment",
-            without=("magnet", "pieces", "volume_level"),
+            without=("magnet", "pieces", "volume_level", "soft_level"),
             instead={"moment": Key(Positive, "magnitude of the dipole moment", "A_m2")},
             takes=lambda payload: _alone(payload) and payload.magnet is None,
             text="Payload that is only a dipole.",

@@ -457,8 +457,10 @@ def coarse_balance(balance: MagnetBalance, payload: Payload) -> MagnetBalance:
 
 def _finer(payload: Payload) -> MagneticBody | None:
     """The body by a finer volume rule; None where there is no better one."""
+    if not payload.sized and not (payload.soft and payload.soft_level == 1):
+        return None
     # One level up, a cylinder may have the same radii.
-    return magnetic_body(payload, payload.volume_level + 2) if payload.sized else None
+    return magnetic_body(replace(payload, soft_level=2), payload.volume_level + 2)
 
 
 def _inside(box: Bounds, near: Array | None) -> Array:
@@ -571,7 +573,7 @@ def modelled(payload: Payload, moment: MagnetModel) -> Payload:
 
 
 def rule_stated(payload: Payload, moment: MagnetModel, error: float, of: str) -> tuple[str, ...]:
-    """What stands for the magnets in a model, and about how far off a result is by a finer rule.
+    """What stands for magnets and soft iron in a model, and about how far off a result is by a finer rule.
 
     Parameters
     ----------
@@ -587,13 +589,14 @@ def rule_stated(payload: Payload, moment: MagnetModel, error: float, of: str) ->
     Returns
     -------
     tuple[str, ...]
-        One assumption; none of a payload without magnets.
+        What stands for magnets, and for soft iron. The error is that of both together.
     """
     taken = modelled(payload, moment)
-    if not taken.rule:
-        return ()
-    known = "not known" if np.isnan(error) else f"about {error:.2g} {of}"
-    return (f"magnets: {taken.rule}" + (f", error {known}" if taken.sized else ""),)
+    rules = {"magnets": taken.rule, "soft iron": taken.soft_rule}
+    stated = [f"{of_what}: {rule}" for of_what, rule in rules.items() if rule]
+    if _finer(taken) is not None:
+        stated[-1] += ", error " + ("not known" if np.isnan(error) else f"about {error:.2g} {of}")
+    return tuple(stated)
 
 
 def reaction_stated(field: Field, payload: Payload, pulls: Iterable[float], where: str) -> tuple[str, ...]:

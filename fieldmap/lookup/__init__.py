@@ -27,7 +27,12 @@ from fieldmap.lookup.iron_response import (
 from fieldmap.lookup.magnetic_body import MagneticBody
 from fieldmap.lookup.payload import compiled_wrench, magnetic_body
 from fieldmap.lookup.several_bodies import SeveralForces, currents_for_several
-from fieldmap.lookup.soft_body import SoftPiece, demagnetising_factors, soft_piece, soft_sphere_force
+from fieldmap.lookup.soft_body import (
+    SoftPiece,
+    demagnetising_factors,
+    soft_rule,
+    soft_sphere_force,
+)
 
 __all__ = [
     "Actuation",
@@ -58,7 +63,7 @@ __all__ = [
     "open_map",
     "payload_linkage",
     "saturates",
-    "soft_piece",
+    "soft_rule",
     "soft_sphere_force",
     "table_of_currents",
     "tangent_block",

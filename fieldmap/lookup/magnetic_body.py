@@ -28,12 +28,12 @@ from fieldmap.typing import Array
 @dataclass(frozen=True, eq=False, repr=False)
 class MagneticBody(Record):
     """A rigid body as dipoles: points (q, 3), m, and moments (q, 3), A m^2, in its own frame, of its magnets; and its
-    pieces of soft iron, each a dipole that the field induces.
+    pieces of soft iron, each a dipole that the field induces (a bead is one or six of them: `soft_rule`).
 
     error: largest difference of force and torque from the next finer rule that was found in the field the rule was
     chosen for, relative to the largest force and torque there; None for a rule that was not chosen so. Assumes rigid,
-    uniform magnetisation of the magnets (recoil permeability 1), soft iron that is small against the distance over
-    which the field changes, and no mutual magnetisation of the pieces.
+    uniform magnetisation of the magnets (recoil permeability 1), pieces of soft iron that are small against the
+    distance over which the field changes, and no mutual magnetisation of the pieces.
 
     >>> MagneticBody(np.zeros((1, 3)), np.array([[0.0, 0.0, 0.8]])).moment
     0.8
@@ -341,7 +341,9 @@ def unsettled(where: str) -> NotConverged:
         To raise.
     """
     must_hold = "the moments of soft iron must come to an end in each other's fields"
-    return NotConverged.of(where, must_hold, "moments that grow", "keep bodies apart: they overlap")
+    return NotConverged.of(
+        where, must_hold, "moments that grow", "keep bodies apart, or take point dipoles: volume_level = 1"
+    )
 
 
 def loaded(field: Field, moment: ArrayLike | MagneticBody) -> ArrayLike | MagneticBody:

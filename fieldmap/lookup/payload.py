@@ -15,7 +15,7 @@ from fieldmap.field import AnyField
 from fieldmap.lookup.field_map import FieldMap
 from fieldmap.lookup.finite_magnet import FiniteMagnet, finite_magnet, volume_rule
 from fieldmap.lookup.magnetic_body import MagneticBody
-from fieldmap.lookup.soft_body import soft_piece
+from fieldmap.lookup.soft_body import soft_rule
 from fieldmap.typing import Array
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def magnetic_body(
     if isinstance(payload, Magnet):
         return rule(payload)
     if isinstance(payload, SoftBody):
-        return MagneticBody(_NONE, _NONE, soft=(soft_piece(payload),))
+        return MagneticBody(_NONE, _NONE, soft=soft_rule(payload, Payload.soft_level))
     moment = payload.moment_vector
     if payload.pieces:
         return _of_pieces(payload, rule)
@@ -181,8 +181,10 @@ def _of_pieces(payload: Payload, rule: Callable[[Magnet, ArrayLike], FiniteMagne
             points.append(magnet.points @ turn.T + piece.placement.position)
             moments.append(magnet.moments @ turn.T)
             errors += [] if magnet.error is None else [magnet.error]
-    soft = tuple(
-        soft_piece(one.shape, one.placement) for one in payload.pieces if isinstance(one.shape, SoftBody)
-    )
+    soft = [
+        soft_rule(one.shape, payload.soft_level, one.placement)
+        for one in payload.pieces
+        if isinstance(one.shape, SoftBody)
+    ]
     error = max(errors) if errors else None
-    return MagneticBody(np.concatenate(points), np.concatenate(moments), error, soft)
+    return MagneticBody(np.concatenate(points), np.concatenate(moments), error, sum(soft, ()))

@@ -1,9 +1,9 @@
-"""Soft iron in a field: ellipsoids that answer the field at their centre, docs/theory/wrench.md (5)..(9), and a sphere
-of constant permeability that answers its gradient, too, (4)."""
+"""Soft iron in a field: ellipsoids that answer it at their centre, or its gradient too, docs/theory/wrench.md (5)..(9)
+and (12); and a sphere of constant permeability in closed form, (4)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,10 +23,7 @@ if TYPE_CHECKING:
     from fieldmap.device.placement import Placement
 
 _NO_LAW = (np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
-ASSUMPTION = (
-    "soft iron of the payload answers the field at its centre, undisturbed by its other pieces; shares of the order "
-    "(size / distance of the nearest source)^2 are left out"
-)
+ASSUMPTION = "soft iron of the payload: its pieces do not magnetise each other"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,39 +78,52 @@ def demagnetising_factors(axes: ArrayLike) -> Array:
     return np.array([rd(y, z, x), rd(x, z, y), rd(x, y, z)]) / 3.0
 
 
-def soft_piece(shape: SoftBody, placement: Placement | None = None) -> SoftPiece:
-    """A soft sphere or ellipsoid at its place in a body, with its law.
+def soft_rule(shape: SoftBody, level: int = 1, placement: Placement | None = None) -> tuple[SoftPiece, ...]:
+    """The pieces that stand for a soft sphere or ellipsoid: one in its centre, or six that answer the gradient, too.
+
+    Each of the six has a sixth of the volume, and lies on an axis, docs/theory/wrench.md (12). Of a sphere of constant
+    permeability they have the moment and the quadrupole of the closed form; left out is the answer to the second
+    gradient, (size / distance of the nearest source)^4 of the force. Of ellipsoids, and of iron that saturates in the
+    gradient, the quadrupole is an approximation.
 
     Parameters
     ----------
     shape
         The sphere or ellipsoid.
+    level
+        1 for one piece, more for six.
     placement
         Its place and turn in the body; the body's centre unless given.
 
     Returns
     -------
-    SoftPiece
-        The piece.
+    tuple[SoftPiece, ...]
+        The pieces.
 
     Raises
     ------
     InputError
         For a material that is no soft iron, or a mere name of one.
+
+    Examples
+    --------
+    >>> from fieldmap.device.payload import SoftSphere
+    >>> [len(soft_rule(SoftSphere(4e-3, mu_r=1e3), level)) for level in (1, 2)]
+    [1, 6]
     """
     # Here, as in _law_of: opening a map takes less time without device.
     from fieldmap.device.placement import Placement
 
     place = Placement() if placement is None else placement
+    centre, axes = (np.array(part, dtype=np.float64) for part in (place.position, place.rotation))
     mu_r, law = _law_of(shape)
-    return SoftPiece(
-        np.array(place.position, dtype=np.float64),
-        np.array(place.rotation, dtype=np.float64),
-        demagnetising_factors(shape.axes),
-        shape.volume,
-        mu_r,
-        law,
-    )
+    middle = SoftPiece(centre, axes, demagnetising_factors(shape.axes), shape.volume, mu_r, law)
+    if level == 1:
+        return (middle,)
+    share = 1.0 / mu_r
+    arms = np.sqrt((1.0 + 2.0 * share) / (2.0 + 3.0 * share)) * axes * np.divide(shape.axes, 2.0)
+    places = centre + np.concatenate([arms.T, -arms.T])
+    return tuple(replace(middle, centre=place, volume=middle.volume / 6.0) for place in places)
 
 
 def _law_of(shape: SoftBody) -> tuple[float, tuple[Array, Array, Array, Array]]:

@@ -1,6 +1,7 @@
 """The iron's reaction to magnets against images, closed series, and the magnet meshed with the iron."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -180,13 +181,12 @@ def _levitator() -> Iterator[Row]:
     yield Row("desk_levitator", "readings of 100 dipoles", max(alone), DIPOLE_READ, "dipole as a background")
     for diameter in (2e-3, 4e-3, 6e-3):
         bead, at = (
-            fm.Payload(0.01, pieces=[fm.SoftSphere(diameter, mu_r=2000.0)]),
-            np.array([1e-3, 0.0, -0.013]),
+            fm.Payload(0.01, pieces=[fm.SoftSphere(diameter, mu_r=2000.0)], soft_level=2),
+            np.array([1e-3, 0.0, -0.0125 - 0.5 * diameter]),
         )
         force = _on_bodies(device, bead, at, 0.5, diameter / 10)[0]
         off = _off(magnetic_body(bead).wrench(field, at, [0.5])[:3], force)
-        bound = PULL if diameter < 3e-3 else None
-        yield Row("desk_levitator", f"force on a bead of {1e3 * diameter:g} mm", off, bound, _MESHED)
+        yield Row("desk_levitator", f"force on a bead of {1e3 * diameter:g} mm", off, PULL, _MESHED)
 
 
 _MESHED = "force_on, payload meshed"
@@ -267,7 +267,7 @@ def _payloads() -> Iterator[tuple[str, fm.Payload, float, tuple[float, float, fl
     stack = body((flat, (0.0, 0.0, -5e-3)), (slim, (0.0, 0.0, 0.0)), (flat, (0.0, 0.0, 5e-3)))
     yield "stack", stack, 1.2e-3, (-0.014, -0.017, -0.02)
     for diameter in (3e-3, 6e-3):
-        bead = body((fm.SoftSphere(diameter, mu_r=2000.0), (0.0, 0.0, 0.0)))
+        bead = replace(body((fm.SoftSphere(diameter, mu_r=2000.0), (0.0, 0.0, 0.0))), soft_level=2)
         yield f"bead {diameter * 1e3:g} mm", bead, diameter / 8, (-0.01, -0.013, -0.018)
 
 

@@ -33,7 +33,7 @@ from fieldmap.dynamics.loop_run import recorded
 from fieldmap.errors import InputError
 from fieldmap.instruments import Amplifier
 from fieldmap.lookup import MagneticBody, interpolate
-from fieldmap.lookup.soft_body import soft_piece
+from fieldmap.lookup.soft_body import soft_rule
 from fieldmap.sources import CoilSet
 from fieldmap.store import StoredLinkage
 from tests.dynamics.conftest import saturating_data
@@ -187,7 +187,7 @@ def test_a_magnet_swings_as_an_integrator_of_all_states_has_it(axial):
 
 def test_moments_of_soft_iron_follow_the_currents(axial):
     """A ball of soft iron adds its moments' linkages to the inductance: m = c B gives L + c b b^T; at rest, exactly."""
-    piece = soft_piece(fm.SoftSphere(4e-3, mu_r=1000.0))
+    piece = soft_rule(fm.SoftSphere(4e-3, mu_r=1000.0))[0]
     body = RigidBody(
         1.0, [1.0] * 3, MagneticBody(np.zeros((0, 3)), np.zeros((0, 3)), soft=(piece,)), gravity=0.0
     )

@@ -40,7 +40,7 @@ from fieldmap.dynamics.linearisation import moved_state
 from fieldmap.dynamics.operating_point import OperatingPoint
 from fieldmap.instruments import Amplifier
 from fieldmap.lookup import MagneticBody, interpolate
-from fieldmap.lookup.soft_body import soft_piece
+from fieldmap.lookup.soft_body import soft_rule
 from fieldmap.store import StoredLinkage
 from tests.dynamics.conftest import saturating_data
 from tests.dynamics.machines import CURVE, MASS, MOMENT, PERIOD, QUIET, SLOPE, one_coil
@@ -67,7 +67,7 @@ def m():
 @pytest.fixture(scope="module")
 def magnet():
     """Two dipoles and a soft sphere."""
-    soft = (soft_piece(fm.SoftSphere(2e-3, mu_r=50.0)),)
+    soft = soft_rule(fm.SoftSphere(2e-3, mu_r=50.0))
     points, moments = np.array([[0, 0, 1e-3], [1e-3, 0, 0]]), np.array([[0.1, 0.2, 0.7], [0.0, -0.3, 0.2]])
     return MagneticBody(points, moments, soft=soft)
 
@@ -265,7 +265,7 @@ def test_a_bead_whose_inductance_follows_its_place(axial):
     e = np.sqrt(1.0 - (2.0 / 3.0) ** 2)
     factor = (1.0 - e**2) / e**2 * (np.arctanh(e) / e - 1.0)
     X = np.pi / 6.0 * axes.prod() / scipy.constants.mu_0 * (mu_r - 1.0) / (1.0 + factor * (mu_r - 1.0))
-    soft = soft_piece(fm.SoftEllipsoid(tuple(axes), mu_r=mu_r))
+    soft = soft_rule(fm.SoftEllipsoid(tuple(axes), mu_r=mu_r))[0]
     bead = MagneticBody(np.zeros((0, 3)), np.zeros((0, 3)), soft=(soft,))
     drive = CoilDrive(Amplifier(1.0), 1, OHMS, mode="voltage")
     machine = one_coil(axial, drive, linkage=StoredLinkage([[2e-5]], [0.0]), upright=True, magnet=bead)

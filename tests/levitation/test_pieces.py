@@ -1,6 +1,7 @@
 """Where soft iron floats and what current carries it, against the force itself."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -47,6 +48,19 @@ def test_a_bead_floats_where_its_weight_is_carried(field):
     np.testing.assert_allclose(found.moment, bead.induced_moment(field, found.position, 10.0)[0], rtol=1e-12)
     assert found.angle_to_field == pytest.approx(0.0, abs=1e-4)
     assert any("soft sphere of 4 mm" in words for words in found.assumptions)
+
+
+def test_what_one_dipole_leaves_out_of_a_bead(field):
+    """A result by one dipole states how far off it is, by six."""
+    six = replace(BEAD, soft_level=2)
+    coarse, fine = (find_equilibrium(field, 10.0, bead) for bead in (BEAD, six))
+    moved = np.linalg.norm(fine.position - coarse.position)
+    assert coarse.volume_error == pytest.approx(moved, rel=0.05)
+    assert 1e-5 < moved < 1e-3
+    assert fine.volume_error == 0.0
+    at = np.array([0.0, 0.0, -0.012])
+    coarse, fine = (lift_current(field, bead, at) for bead in (BEAD, six))
+    assert abs(coarse.volume_error) == pytest.approx(abs(fine.current - coarse.current), rel=0.05)
 
 
 @pytest.mark.parametrize("depth", [0.012, 0.02])

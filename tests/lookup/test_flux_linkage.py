@@ -17,7 +17,7 @@ from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.iron import NonlinearSolver
 from fieldmap.lookup import MagneticBody, back_emf, interpolate, payload_linkage
 from fieldmap.lookup.current_solver import compiled_model
-from fieldmap.lookup.soft_body import soft_piece
+from fieldmap.lookup.soft_body import soft_rule
 from fieldmap.store import StoredLinkage, read_map, write_map
 from tests.core.iron_cases import CASES, KNOTS, MODES, POINTS, drawn, residual
 from tests.dynamics.conftest import saturating_data
@@ -103,7 +103,7 @@ def test_linkages_and_forces_are_derivatives_of_one_coenergy(m):
     step, ampere = 1e-5, 1e-3
     points = np.array([[3e-3, -1e-3, 2e-3], [-2e-3, 0.0, 1e-3]])
     soft = MagneticBody(
-        points, np.array([MOMENT, -0.5 * MOMENT]), soft=(soft_piece(fm.SoftSphere(2e-3, mu_r=50.0)),)
+        points, np.array([MOMENT, -0.5 * MOMENT]), soft=soft_rule(fm.SoftSphere(2e-3, mu_r=50.0))
     )
     for body in (MagneticBody.dipole(MOMENT), soft):
         for axis in np.eye(3):

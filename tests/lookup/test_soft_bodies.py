@@ -262,16 +262,23 @@ def test_stiffness_is_the_slope_of_the_force():
     np.testing.assert_allclose(stiffness, exact, atol=1e-4 * np.abs(exact).max())
 
 
-def test_what_a_sphere_at_its_centre_leaves_out_falls_with_the_square_of_its_size():
+# One dipole leaves out the answer to the gradient, six that to the second gradient.
+@pytest.mark.parametrize(("level", "order", "most"), [(1, 2.0, 0.02), (2, 4.0, 2e-4)])
+@pytest.mark.parametrize("mu_r", [1.5, 100.0, 1e9])
+def test_what_the_rule_of_a_sphere_leaves_out(level, order, most, mu_r):
     field, at, currents = CompletedField(Loops(LOOPS, 3e3)), AT[None], AMPERES
-    sizes = np.array([0.5e-3, 1e-3, 2e-3, 4e-3])
-    off = []
+    sizes = np.array([0.5e-3, 1e-3, 2e-3, 4e-3]) * level
+    off, turning = [], []
     for diameter in sizes:
-        exact = soft_sphere_force(field, at, currents, diameter, 100.0)[0]
-        found = magnetic_body(SoftSphere(diameter, mu_r=100.0)).wrench(field, at[0], currents)
+        exact = soft_sphere_force(field, at, currents, diameter, mu_r)[0]
+        bead = Payload(1e-3, pieces=[SoftSphere(diameter, mu_r=mu_r)], soft_level=level)
+        found = magnetic_body(bead).wrench(field, at[0], currents, TURN)
         off.append(np.linalg.norm(found[:3] - exact) / np.linalg.norm(exact))
-    assert np.polyfit(np.log(sizes), np.log(off), 1)[0] == pytest.approx(2.0, abs=0.05)
-    assert off[-1] < 0.02
+        turning.append(np.linalg.norm(found[3:]) / (diameter / 2 * np.linalg.norm(exact)))
+    assert np.polyfit(np.log(sizes), np.log(off), 1)[0] == pytest.approx(order, abs=0.1)
+    assert off[-1] < most * level**order
+    # A sphere has no torque; six dipoles have one of the order that they leave out.
+    assert turning[-1] < (1e-13 if level == 1 else 3e-3)
 
 
 def test_the_rules_of_a_cylinder_converge():

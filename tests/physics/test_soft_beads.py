@@ -20,14 +20,17 @@ def test_a_bead_below_a_core():
     core = fm.Body("core", "steel", fm.Cylinder(0.01, 0.04), mesh_size=5e-3, edge_size=2e-3)
     core, at = core.moved([0.0, 0.0, 0.005]), np.array([0.004, 0.0, -0.012])
     alone = fm.solve(fm.Device("alone", "", (coil,), (core,), {"steel": STEEL}), [4.0])
-    sizes, off = np.array([3e-3, 6e-3]), []
+    sizes, off, finer = np.array([3e-3, 6e-3]), [], []
     for diameter in sizes:
         device = fm.Device("bead", "", (coil,), (core, meshed(diameter, at)), {"steel": STEEL})
         exact = fm.solve(device, [4.0]).force_on("bead")
-        found = alone.wrench(at, magnetic_body(fm.SoftSphere(diameter, STEEL)))
-        off.append(np.linalg.norm(found[:3] - exact) / np.linalg.norm(exact))
+        for level, errors in ((1, off), (2, finer)):
+            bead = fm.Payload(1e-3, pieces=[fm.SoftSphere(diameter, STEEL)], soft_level=level)
+            found = alone.wrench(at, magnetic_body(bead))
+            errors.append(np.linalg.norm(found[:3] - exact) / np.linalg.norm(exact))
     assert (np.array(off) < (sizes / 2 / 0.017) ** 2).all()
     assert np.polyfit(np.log(sizes), np.log(off), 1)[0] == pytest.approx(2.0, abs=0.3)
+    assert finer[1] < 0.1 * off[1]
 
 
 SLOPE = np.array([[-2.0, 0.5, 0.3], [0.5, -2.5, 0.2], [0.3, 0.2, 4.5]])
