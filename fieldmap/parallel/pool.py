@@ -63,7 +63,9 @@ class Pool:
 
     def close(self) -> None:
         """Withdraw what is not done, and end our own processes."""
-        self._client.close()
+        # Dask would print a traceback where the scheduler is gone.
+        with distributed.utils.silence_logging_cmgr(logging.CRITICAL):
+            self._client.close()
         if self._cluster is not None:
             self._cluster.close()
 
@@ -91,10 +93,8 @@ class Pool:
             yield from self._map(function, items, common)
         except (CancelledError, OSError, distributed.client.ClosedClientError) as error:
             remedy = "start a scheduler and do the same again: what is finished and kept is not done again"
-            received = f"{type(error).__name__}: {str(error) or 'no answer'}".splitlines()[0]
-            raise SchedulerLost.of(
-                "workers", "the dask scheduler must stay there until the work is done", received, remedy
-            ) from error
+            must_hold = "the dask scheduler must stay there until the work is done"
+            raise SchedulerLost.of("workers", must_hold, "no connection to it", remedy) from error
 
     def _map(
         self, function: Callable[..., R], items: Sequence[Any], common: Common[Any] | None
