@@ -9,7 +9,8 @@ generation (points times coils per second, beside magpylib), dynamics (a levitat
 time), own (controllers of one's own in Python, numba and C: samples per second), saturating (new currents of maps of
 saturating iron, wrenches, currents for a force), app (what follows a slider of `fieldmap app`),
 magpylib (fields as magpylib sources: time beside `field`, differences, moved and turned, getFT), derivatives (of a
-state by numbers of its device, in solves) and traffic (bytes through client and scheduler, with workers).
+state by numbers of its device, in solves), traffic (bytes through client and scheduler, with workers) and busy (share
+of the time of eight workers that a map of saturating iron fills, and a study).
 Prints figures, not verdicts: the exit code is 0 whatever they are. Compare ratios within one run only, and on a machine
 that does nothing else.
 
@@ -45,6 +46,7 @@ SECTIONS = {
     "derivatives": "benchmarks.derivatives",
     "reaction": "benchmarks.reaction",
     "traffic": "benchmarks.traffic",
+    "busy": "benchmarks.busy",
 }
 
 
