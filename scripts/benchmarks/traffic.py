@@ -91,7 +91,7 @@ def ways(workers: Workers, shared: Shared, pieces: int) -> dict[str, Callable[[]
 
 def measure(quick: bool) -> dict[str, Any]:
     """Rows for 1 000 and 10 000 pieces that share 1 MB."""
-    size, counts = (20_000, (20, 40)) if quick else (1_000_000, (1_000, 10_000))
+    size, counts = (200_000, (20, 40)) if quick else (1_000_000, (1_000, 10_000))
     rows, shared = [], Shared(size)
     with Workers(WORKERS) as workers:
         workers.results(abs, range(UNDER_WAY))
