@@ -91,7 +91,9 @@ class Pool:
         """Outcomes, as they come."""
         try:
             yield from self._map(function, items, common)
-        except (CancelledError, OSError, distributed.client.ClosedClientError) as error:
+        except Exception as error:
+            if self._client.status == "running" and not isinstance(error, CancelledError):
+                raise
             remedy = "start a scheduler and do the same again: what is finished and kept is not done again"
             must_hold = "the dask scheduler must stay there until the work is done"
             raise SchedulerLost.of("workers", must_hold, "no connection to it", remedy) from error
