@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from time import monotonic
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
@@ -18,6 +19,7 @@ from weakref import WeakKeyDictionary
 import dask.config
 import dask.utils
 import distributed
+from tornado.ioloop import PeriodicCallback
 
 from fieldmap.errors import InputError
 from fieldmap.parallel.work import Common, Outcome, SchedulerLost, WorkerDied, attempt
@@ -29,8 +31,9 @@ R = TypeVar("R")
 # have no process before it has work.
 _SECONDS_AHEAD, _LEAST_AHEAD, _MOST_AHEAD = 10.0, 2, 100
 _LEAST_UNDER_WAY = 16
-# Processes are counted again after so many seconds.
+# Processes are counted again after so many seconds, and ours that are gone for good are replaced.
 _COUNTED_FOR_SECONDS = 1.0
+_SCALED_EVERY_MILLISECONDS = 2000
 # A scheduler that is there answers sooner.
 _ANSWERS_WITHIN_SECONDS = 20
 # Kernels have one set of threads per process: pieces of work take turns there, whatever number a worker accepts.
@@ -58,11 +61,16 @@ class Pool:
             except BaseException:
                 self._cluster.close()
                 raise
+            # Dask replaces a process that dies, but gives up one that dies while it starts. To scale opens it again.
+            self._again = PeriodicCallback(partial(self._cluster.scale, count), _SCALED_EVERY_MILLISECONDS)
+            self._client.loop.add_callback(self._again.start)  # type: ignore[union-attr]
         else:
             self._client = _client_of(scheduler)
 
     def close(self) -> None:
         """Withdraw what is not done, and end our own processes."""
+        if self._cluster is not None:
+            self._client.loop.add_callback(self._again.stop)  # type: ignore[union-attr]
         # Dask would print a traceback where the scheduler is gone.
         with distributed.utils.silence_logging_cmgr(logging.CRITICAL):
             self._client.close()

@@ -23,7 +23,7 @@ CORRUPTED = 1000
 SEEDS = 5
 KILLS = 25
 # Starting workers takes some seconds each time.
-KILLS_OF_RUNS, KILLS_OF_WORKERS, KILLS_OF_SCHEDULERS = 10, 10, 10
+KILLS_OF_RUNS, KILLS_OF_WORKERS, KILLS_OF_SCHEDULERS = 10, 5, 10
 MODEL = "/fieldmap/reduced_model"
 RECIPES = {
     "linear iron": """
@@ -137,7 +137,7 @@ def killed_training() -> Iterator[Row]:
 
 def killed_workers() -> Iterator[Row]:
     """The same with saturating iron and the processes that solve its states: two of this machine, or two of a dask
-    scheduler. The run is killed ten times; then, while it goes to its end, ten of its workers are."""
+    scheduler. The run is killed ten times; then, while it goes to its end, five of its workers are."""
     yield from _killed("saturating iron", KILLS_OF_RUNS, "two processes", workers=2)
     from distributed import LocalCluster
 
@@ -319,7 +319,7 @@ def _run_while_workers_die(
 
     def kill_one(text: str, process: subprocess.Popen[str]) -> None:
         nonlocal killed
-        if killed == KILLS_OF_WORKERS or not _is_piece(text) or moments.random() < 0.2:
+        if killed == KILLS_OF_WORKERS or not _is_piece(text) or moments.random() < 0.5:
             return
         # Workers of a scheduler are children of this process.
         parent = psutil.Process() if "scheduler" in where else psutil.Process(process.pid)

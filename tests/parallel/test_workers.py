@@ -152,12 +152,13 @@ def test_a_piece_that_kills_every_process_is_an_outcome_too(two):
     assert isinstance(by_index[1].error, WorkerDied)
 
 
-def test_workers_of_a_scheduler_that_is_there_are_used_and_left_alone(two):
-    client = two._pool._client
-    with Workers(scheduler=client.scheduler.address) as workers:
-        found = workers.results(lambda item: os.getpid(), range(8))
-    assert set(found) <= set(client.run(os.getpid).values())
-    assert two.results(abs, [-1]) == [1]
+def test_workers_of_a_scheduler_that_is_there_are_used_and_left_alone():
+    with Workers(2) as own:
+        client = own._pool._client
+        with Workers(scheduler=client.scheduler.address) as workers:
+            found = workers.results(lambda item: os.getpid(), range(8))
+        assert set(found) <= set(client.run(os.getpid).values())
+        assert own.results(abs, [-1]) == [1]
 
 
 @pytest.mark.parametrize(
