@@ -8,8 +8,9 @@ controllers (steps per second), lookup (a field from a map, beside five interpol
 generation (points times coils per second, beside magpylib), dynamics (a levitated magnet in closed loop, times real
 time), own (controllers of one's own in Python, numba and C: samples per second), saturating (new currents of maps of
 saturating iron, wrenches, currents for a force), app (what follows a slider of `fieldmap app`),
-magpylib (fields as magpylib sources: time beside `field`, differences, moved and turned, getFT) and derivatives (of a
-state by numbers of its device, in solves).
+magpylib (fields as magpylib sources: time beside `field`, differences, moved and turned, getFT), derivatives (of a
+state by numbers of its device, in solves), traffic (bytes through client and scheduler, with workers) and busy (share
+of the time of eight workers that a map of saturating iron fills, and a study).
 Prints figures, not verdicts: the exit code is 0 whatever they are. Compare ratios within one run only, and on a machine
 that does nothing else.
 
@@ -44,6 +45,8 @@ SECTIONS = {
     "magpylib": "benchmarks.magpylib_sources",
     "derivatives": "benchmarks.derivatives",
     "reaction": "benchmarks.reaction",
+    "traffic": "benchmarks.traffic",
+    "busy": "benchmarks.busy",
 }
 
 

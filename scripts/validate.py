@@ -67,6 +67,7 @@ STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
     "killed_runs": (map_files.killed_runs, 90),
     "killed_training": (map_files.killed_training, 250),
     "killed_workers": (map_files.killed_workers, 400),
+    "killed_schedulers": (map_files.killed_schedulers, 200),
     "fuzz": (fuzz.fuzz, 1500),
     "mag_manip": (mag_manip_program.mag_manip, 240),
     "thesis_dynamics": (thesis_dynamics.thesis_dynamics, 60),

@@ -253,6 +253,8 @@ def fit(
     target: Annotated[
         Path | None, options.output("Device file to write, with the values found."), options.writes("device")
     ] = None,
+    workers: options.Workers = 1,
+    scheduler: options.Scheduler = None,
     json: options.Json = False,
 ) -> None:
     """Find unknown numbers of a device from measurements on it: values with their errors, what the readings cannot tell
@@ -276,7 +278,7 @@ def fit(
         read = (asked.path, asked.device_path)
         raise_all(output_problems("--output", target, ["device"], read))
     with Progress("fit") as progress:
-        found = asked.run(_after_each_solve(progress, asked))
+        found = asked.run(_after_each_solve(progress, asked), workers, scheduler)
     if target is not None:
         from fieldmap.store import write_whole
 

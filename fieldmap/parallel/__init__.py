@@ -6,6 +6,7 @@ Depends on: errors, arguments, threads, threadpoolctl; dask.distributed where th
 from fieldmap.parallel.work import (
     Common,
     Outcome,
+    SchedulerLost,
     WorkerDied,
     in_threads,
     results_of,
@@ -18,6 +19,7 @@ from fieldmap.parallel.workers import Workers
 __all__ = [
     "Common",
     "Outcome",
+    "SchedulerLost",
     "WorkerDied",
     "Workers",
     "in_threads",

@@ -2,21 +2,38 @@
 
 import itertools
 import logging
+import math
 import os
 import signal
 import threading
+import uuid
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
+from time import monotonic
 from typing import Any, TypeVar
+from weakref import WeakKeyDictionary
 
+import dask.config
+import dask.utils
 import distributed
+from tornado.ioloop import PeriodicCallback
 
 from fieldmap.errors import InputError
-from fieldmap.parallel.work import Common, Outcome, WorkerDied, attempt
+from fieldmap.parallel.work import Common, Outcome, SchedulerLost, WorkerDied, attempt
 from fieldmap.threads import use_threads
 
 R = TypeVar("R")
+# Pieces of work under way for each process: enough for so many seconds, since a cluster of dask that adapts starts
+# processes until what was submitted takes five; at least and at most so many. At least so many in all: a cluster may
+# have no process before it has work.
+_SECONDS_AHEAD, _LEAST_AHEAD, _MOST_AHEAD = 10.0, 2, 100
+_LEAST_UNDER_WAY = 16
+# Processes are counted again after so many seconds, and ours that are gone for good are replaced.
+_COUNTED_FOR_SECONDS = 1.0
+_SCALED_EVERY_MILLISECONDS = 2000
 # A scheduler that is there answers sooner.
 _ANSWERS_WITHIN_SECONDS = 20
 # Kernels have one set of threads per process: pieces of work take turns there, whatever number a worker accepts.
@@ -31,9 +48,10 @@ class Pool:
     def __init__(self, count: int, scheduler: str | None) -> None:
         self._cluster: distributed.LocalCluster | None = None
         self._threads: int | None = None
-        # A process of ours has one piece in hand, so that its death costs one. Somebody else's scheduler is given all:
-        # it may start workers by how many pieces wait.
-        self._at_once = count if scheduler is None else None
+        # Futures of what was sent once. Dask computes them anew where a worker takes the last copy with it, and drops
+        # them with this client.
+        self._sent: WeakKeyDictionary[Common[Any], distributed.Future] = WeakKeyDictionary()
+        self._counted, self._processes = -math.inf, 0
         if scheduler is None:
             self._threads = max(1, (os.cpu_count() or 1) // count)
             with _without_interrupt():
@@ -43,48 +61,82 @@ class Pool:
             except BaseException:
                 self._cluster.close()
                 raise
+            # Dask replaces a process that dies, but gives up one that dies while it starts. To scale opens it again.
+            self._again = PeriodicCallback(partial(self._cluster.scale, count), _SCALED_EVERY_MILLISECONDS)
+            self._client.loop.add_callback(self._again.start)  # type: ignore[union-attr]
         else:
             self._client = _client_of(scheduler)
 
     def close(self) -> None:
         """Withdraw what is not done, and end our own processes."""
-        self._client.close()
+        if self._cluster is not None:
+            self._client.loop.add_callback(self._again.stop)  # type: ignore[union-attr]
+        # Dask would print a traceback where the scheduler is gone.
+        with distributed.utils.silence_logging_cmgr(logging.CRITICAL):
+            self._client.close()
         if self._cluster is not None:
             self._cluster.close()
 
     def prepare(self, common: Common[Any]) -> None:
         """Begin to make `common` in every process that is there now."""
-        for address in self._client.scheduler_info(n_workers=-1)["workers"]:
-            made = self._client.submit(_make, common, self._threads, workers=[address], pure=False)
+        sent = self._send(common)
+        for address in self._client.nthreads():
+            made = self._client.submit(_make, sent, self._threads, workers=[address], pure=False)
             distributed.fire_and_forget(made)
+
+    def _send(self, common: Common[Any]) -> distributed.Future:
+        """A result of dask: a piece of work that names it gets it from another process that has it. To scatter it
+        would do so too, but could not replace it where the processes that have it die."""
+        if common not in self._sent:
+            # It is as large as it is, and travels once.
+            with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
+                self._sent[common] = self._client.submit(_itself, common, pure=False)
+        return self._sent[common]
 
     def map(
         self, function: Callable[..., R], items: Sequence[Any], common: Common[Any] | None
     ) -> Iterator[Outcome[R]]:
         """Outcomes, as they come."""
-        shared = () if common is None else (common,)
+        try:
+            yield from self._map(function, items, common)
+        except Exception as error:
+            if self._client.status == "running" and not isinstance(error, CancelledError):
+                raise
+            remedy = "start a scheduler and do the same again: what is finished and kept is not done again"
+            must_hold = "the dask scheduler must stay there until the work is done"
+            raise SchedulerLost.of("workers", must_hold, "no connection to it", remedy) from error
+
+    def _map(
+        self, function: Callable[..., R], items: Sequence[Any], common: Common[Any] | None
+    ) -> Iterator[Outcome[R]]:
+        sent = None if common is None else self._send(common)
+        name, numbers = f"{dask.utils.funcname(function)}-{uuid.uuid4().hex}", itertools.count()
         waiting = enumerate(items)
         under_way: dict[distributed.Future, int] = {}
-        suspects = []
+        suspects, done_so_far, seconds = [], 0, 0.0
 
         def begun(index: int, item: Any) -> distributed.Future:
-            future = self._client.submit(_work, index, function, shared, item, self._threads, pure=False)
+            key = (name, next(numbers))
+            future = self._client.submit(_work, index, function, sent, item, self._threads, key=key)
             under_way[future] = index
             return future
 
-        def submit(count: int | None) -> list[distributed.Future]:
-            return [begun(index, item) for index, item in itertools.islice(waiting, count)]
+        def more() -> list[distributed.Future]:
+            room = self._room(seconds / done_so_far if done_so_far else None) - len(under_way)
+            return [begun(index, item) for index, item in itertools.islice(waiting, max(0, room))]
 
         try:
-            done = distributed.as_completed(submit(self._at_once), loop=self._client.loop)
+            done = distributed.as_completed(more(), loop=self._client.loop)
             for future in done:
-                error = future.exception()
-                index = under_way.pop(future)
-                done.update(submit(1))
-                if isinstance(error, distributed.scheduler.KilledWorker):
+                index = under_way[future]
+                outcome = _outcome(future, index)
+                del under_way[future]
+                done_so_far, seconds = done_so_far + 1, seconds + outcome.seconds
+                done.update(more())
+                if isinstance(outcome.error, WorkerDied):
                     suspects.append(index)
                     continue
-                yield _outcome(future, index)
+                yield outcome
             # A piece also dies with a process that another one killed: each gets one to itself.
             for index in suspects:
                 future = begun(index, items[index])
@@ -92,7 +144,16 @@ class Pool:
                 del under_way[future]
                 yield outcome
         finally:
-            self._client.cancel(list(under_way))
+            if self._client.status == "running":
+                self._client.cancel(list(under_way))
+
+    def _room(self, seconds: float | None) -> int:
+        """Pieces that may be under way, where one takes so many seconds; None where no one knows."""
+        if monotonic() - self._counted > _COUNTED_FOR_SECONDS:
+            self._counted, self._processes = monotonic(), len(self._client.nthreads())
+        ahead = 0.0 if seconds is None else _SECONDS_AHEAD / max(seconds, 1e-9)
+        each = min(max(_LEAST_AHEAD, math.ceil(ahead)), _MOST_AHEAD)
+        return max(_LEAST_UNDER_WAY, each * self._processes)
 
 
 @contextmanager
@@ -130,25 +191,30 @@ def _cluster_of(count: int) -> distributed.LocalCluster:
 
 
 def _outcome(future: distributed.Future, index: int) -> Outcome[Any]:
-    """What a piece came to; waits for its end."""
+    """What a piece came to; waits for its end. Raises CancelledError where the scheduler is gone."""
     error = future.exception()
+    # A future that is cancelled has no exception, but its result is one.
     return future.result() if error is None else Outcome(index, None, _died(error))
 
 
+def _itself(common: Common[Any]) -> Common[Any]:
+    return common
+
+
 def _work(
-    index: int, function: Callable[..., Any], shared: tuple[Common[Any], ...], item: Any, threads: int | None
+    index: int, function: Callable[..., Any], common: Common[Any] | None, item: Any, threads: int | None
 ) -> Outcome[Any]:
     """One item, in the process that got it."""
     with _TURN:
         _set_threads(threads)
-        outcome = attempt(index, _with_common, function, shared, item)
+        outcome = attempt(index, _with_common, function, common, item)
         spent = outcome.processor_seconds + sum(_UNCOUNTED)
         _UNCOUNTED.clear()
         return replace(outcome, processor_seconds=spent)
 
 
-def _with_common(function: Callable[..., Any], shared: tuple[Common[Any], ...], item: Any) -> Any:
-    return function(*(common.here() for common in shared), item)
+def _with_common(function: Callable[..., Any], common: Common[Any] | None, item: Any) -> Any:
+    return function(item) if common is None else function(common.here(), item)
 
 
 def _make(common: Common[Any], threads: int | None) -> None:

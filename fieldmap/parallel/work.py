@@ -119,6 +119,10 @@ class WorkerDied(FieldmapError):  # noqa: N818 - reads as what happened
     """Every process that was given a piece of work died on it."""
 
 
+class SchedulerLost(FieldmapError):  # noqa: N818 - reads as what happened
+    """The dask scheduler ended, or cannot be reached any more, before the work was done."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Outcome(Record, Generic[R]):
     """index: of the item; value: what the function returned, or error: what it raised; seconds of the clock and of the

@@ -39,7 +39,7 @@ class Workers:
         self._processor_seconds = 0.0
 
     def __enter__(self) -> "Workers":
-        if self._count > 1 or self._scheduler is not None:
+        if not self.alone:
             try:
                 from fieldmap.parallel.pool import Pool
             except ModuleNotFoundError as error:
@@ -61,6 +61,11 @@ class Workers:
         if self._scheduler is not None:
             return "workers of a dask scheduler"
         return "one process" if self._count == 1 else f"{self._count} processes of one machine"
+
+    @property
+    def alone(self) -> bool:
+        """Whether this process does the work itself."""
+        return self._count == 1 and self._scheduler is None
 
     @property
     def processor_seconds(self) -> float:

@@ -32,6 +32,7 @@ from fieldmap.levitation import lift_current
 from fieldmap.levitation import unknowns as fits
 from fieldmap.levitation.unknowns import Measured, ReadingsFit, Unknown
 from fieldmap.maps.recipe import IronLaw, Refinement
+from fieldmap.parallel import Workers
 from fieldmap.records import Record
 from fieldmap.studies.reading import device_file
 from fieldmap.studies.study import Some, saturates
@@ -287,7 +288,8 @@ def fit_machine(
     solve: Callable[[Device], AnyField] | None = None,
     on_solve: Callable[[Mapping[str, float]], None] | None = None,
     close: float = 1e-5,
-    workers: fits.Workers = map,
+    workers: int = 1,
+    scheduler: str | None = None,
 ) -> MachineFit:
     """Find numbers of a device from measurements.
 
@@ -309,8 +311,10 @@ def fit_machine(
     close
         The search ends where all unknowns change by less than this share of their values.
     workers
-        A function like `map` that computes the derivatives' solves, such as the `map` of a pool of processes;
-        readings and `solve` are then pickled.
+        Processes that compute the derivatives' solves, a table each: `fieldmap.parallel.Workers`. Readings and `solve`
+        are then pickled.
+    scheduler
+        Address of a dask scheduler whose workers compute them.
 
     Returns
     -------
@@ -334,9 +338,11 @@ def fit_machine(
     tables = (*readings, *predict)
     source = device.to_toml() if isinstance(device, Device) else device
     compute = partial(_tables, source, solve or solved_field)
-    found = fits.find_unknowns(
-        "fit_machine", unknowns, tables, len(readings), compute, on_solve, workers, xtol=close
-    )
+    with Workers(workers, scheduler) as team:
+        others = map if team.alone else team.results
+        found = fits.find_unknowns(
+            "fit_machine", unknowns, tables, len(readings), compute, on_solve, others, xtol=close
+        )
     priors = [f"prior of {one.key}: {one.prior[0]:g} +- {one.prior[1]:g}" for one in unknowns if one.prior]
     held = (f"fitted: {', '.join(found.values)}; all else as the device has it", *found.notes, *priors)
     fit = {name: value for name, value in vars(found).items() if name not in ("alike", "notes")}
@@ -560,20 +566,28 @@ class Fit(Record):
     labels: Mapping[str, tuple[str, ...]]
     units: Mapping[str, tuple[str, float]]
 
-    def run(self, on_solve: Callable[[Mapping[str, float]], None] | None = None) -> MachineFit:
+    def run(
+        self,
+        on_solve: Callable[[Mapping[str, float]], None] | None = None,
+        workers: int = 1,
+        scheduler: str | None = None,
+    ) -> MachineFit:
         """Find the unknowns: see `fit_machine`.
 
         Parameters
         ----------
         on_solve
             Called with the values of each solve.
+        workers, scheduler
+            As for `fit_machine`.
 
         Returns
         -------
         MachineFit
             The fit.
         """
-        return fit_machine(self.device_path, self.unknowns, self.readings, self.predict, self.solve, on_solve)
+        asked = self.device_path, self.unknowns, self.readings, self.predict, self.solve, on_solve
+        return fit_machine(*asked, workers=workers, scheduler=scheduler)
 
 
 def read_fit(path_or_name: PathLike) -> Fit:

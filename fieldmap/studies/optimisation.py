@@ -71,6 +71,7 @@ def optimise(
     resume: bool = True,
     workers: int = 1,
     progress: Progress | None = None,
+    scheduler: str | None = None,
 ) -> Optimum:
     """Find the values of variables for which a number of the device is smallest, or largest, within limits.
 
@@ -120,6 +121,8 @@ def optimise(
         Designs solved at a time where derivatives are differences.
     progress
         Called with a message and the share that is done.
+    scheduler
+        Address of a dask scheduler whose workers solve.
 
     Returns
     -------
@@ -161,7 +164,7 @@ def optimise(
     )
     about = (device, currents, saturating, refinement, points, box, force_share)
     problem = design_problem("optimise", search, *about)
-    return solve_problem(problem, output, resume, workers, progress)
+    return solve_problem(problem, output, resume, workers, progress, scheduler)
 
 
 def solve_problem(

@@ -6,7 +6,7 @@ import csv
 import io
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from fieldmap.arguments import raise_all
+from fieldmap.device.changes import changed
 from fieldmap.device.reader import device_of
 from fieldmap.extras import require
-from fieldmap.parallel import Workers
+from fieldmap.parallel import Common, Workers
 from fieldmap.plain import Plain, plain_items
 from fieldmap.provenance import library_versions
 from fieldmap.records import Record
@@ -161,7 +162,9 @@ def _solve(
     waiting = [number for number in range(total) if number not in finished]
     resumed = total - len(waiting)
     say(f"resumed with {resumed} of {total} variants" if resumed else f"solving {total} variants", 0.0)
-    for outcome in team.map(solve_variant, [task_of(study, number) for number in waiting]):
+    # The device file travels once, and of each variant the keys that it changes.
+    common = Common.of(Task(study.device_document, study.current_sets, study.iron, study.record))
+    for outcome in team.map(_solved, [study.variants[number].settings for number in waiting], common):
         number = waiting[outcome.index]
         result = outcome.value
         if result is None:  # every process that tried it died
@@ -171,6 +174,10 @@ def _solve(
         finished[number] = result
         share = (len(finished) - resumed) / len(waiting)
         say(f"{len(finished)} of {total} variants: {study.variants[number].name}", share)
+
+
+def _solved(task: Task, settings: Iterable[tuple[str, Value]]) -> VariantResult:
+    return solve_variant(replace(task, document=changed(task.document, settings)))
 
 
 def finished_variants(checkpoint: Checkpoint) -> dict[int, VariantResult]:
@@ -191,11 +198,6 @@ def _forget_failed(finished: dict[int, VariantResult], checkpoint: Checkpoint) -
     for number in [k for k, result in finished.items() if any(row.problems for row in result.rows)]:
         checkpoint.put(str(number), about=_TRIED_AGAIN)
         del finished[number]
-
-
-def task_of(study: Study, number: int) -> Task:
-    """All that solving one variant needs."""
-    return Task(study.variants[number].document, study.current_sets, study.iron, study.record)
 
 
 def _failed(study: Study, results: list[VariantResult]) -> dict[str, tuple[str, ...]]:

@@ -8,6 +8,7 @@ limits of the design before it: finite, so that a step to it is taken back.
 from __future__ import annotations
 
 import json
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, replace
@@ -20,7 +21,7 @@ from fieldmap.device.reader import device_of
 from fieldmap.errors import FieldmapError, Infeasible
 from fieldmap.iron.sensitivity.adjoint import quantity_of
 from fieldmap.iron.sensitivity.quantities import Quantity as FieldQuantity
-from fieldmap.parallel import Workers
+from fieldmap.parallel import Common, Workers
 from fieldmap.plain import plain, plain_fields
 from fieldmap.provenance import fingerprint
 from fieldmap.records import Record
@@ -42,7 +43,6 @@ class Asked(Record):
     """A design to be solved: values (k,) of the variables, on a mesh of a refinement. derive: keys by which exact
     derivatives are wanted."""
 
-    problem: DesignProblem
     values: Array
     refinement: float
     derive: tuple[str, ...] = ()
@@ -66,18 +66,18 @@ class Evaluation(Record):
         return not self.failure
 
 
-def evaluate(asked: Asked) -> Evaluation:
+def evaluate(problem: DesignProblem, asked: Asked) -> Evaluation:
     """Solve a design. What fails is a reason in the result, never an error: the search goes on, whatever it was."""
-    named = asked.problem.named(asked.values)
+    named = problem.named(asked.values)
     try:
-        numbers, slopes = _solved(asked)
+        numbers, slopes = _solved(problem, asked)
     except Exception as error:
         return Evaluation(named, asked.refinement, {}, {}, {}, reason("design", error))
     return Evaluation(named, asked.refinement, numbers, slopes.by, slopes.refused)
 
 
-def _solved(asked: Asked) -> tuple[dict[str, float], Slopes]:
-    problem, device = asked.problem, device_of(asked.problem.document_at(asked.values))
+def _solved(problem: DesignProblem, asked: Asked) -> tuple[dict[str, float], Slopes]:
+    device = device_of(problem.document_at(asked.values))
     iron = SolvedIron(device, replace(problem.iron, refinement=asked.refinement))
     parameters = VariedParameters(device, problem.document, problem.variables, problem.named(asked.values))
     places = problem.places
@@ -184,6 +184,7 @@ class Designs:
         self, problem: DesignProblem, team: Workers, checkpoint: Checkpoint | None, say: Progress
     ) -> None:
         self.problem, self._team, self._checkpoint, self._say = problem, team, checkpoint, say
+        self._common = Common.of(problem)
         self.steps: list[Step] = []
         self.solves = self.kept = 0
         self.refused: dict[str, str] = {}
@@ -241,8 +242,8 @@ class Designs:
             raise SearchEnded(f"{self.problem.solves} designs were solved, as many as allowed")
         if role == "step" and waiting:
             self._settled(designs[0])
-        asked = [Asked(self.problem, designs[k], refinement, derive) for k in waiting]
-        for outcome in self._team.map(evaluate, asked):
+        asked, untold = [Asked(designs[k], refinement, derive) for k in waiting], deque(waiting)
+        for outcome in self._team.map(evaluate, asked, self._common):
             k = waiting[outcome.index]
             found = outcome.value or Evaluation(
                 self.problem.named(designs[k]), refinement, {}, {}, {}, outcome.reason or "no result"
@@ -251,8 +252,9 @@ class Designs:
                 self._checkpoint.put(names[k], about=asdict(found))
             self._known[names[k]] = found
             self.solves += 1
-        for k in waiting:
-            self._note(self._known[names[k]], role, False)
+            # In the order in which they were asked for, whichever is done first.
+            while untold and names[untold[0]] in self._known:
+                self._note(self._known[names[untold.popleft()]], role, False)
         return [self._known[name] for name in names]
 
     def _settled(self, design: Array) -> None:
@@ -363,6 +365,14 @@ class Designs:
         found = self.at(values)
         exact = found.slopes.get(number.label, {}) if found.solved else {}
         out = np.zeros(len(values))
+        # All at once, so that workers share them.
+        sides = [
+            side
+            for k, key in enumerate(self.problem.keys)
+            if key not in exact
+            for side in self._sides(values, k)
+        ]
+        self._solve(sides, self.problem.iron.refinement, "difference", ())
         for k, key in enumerate(self.problem.keys):
             out[k] = exact[key] if key in exact else self._difference(values, k, number)
             self.kinds[number.label][key] = "exact" if key in exact else "differences"
@@ -370,10 +380,7 @@ class Designs:
 
     def _difference(self, values: Array, k: int, number: Number) -> float:
         """Central difference within the bounds; one-sided where a side cannot be solved, 0 where neither can."""
-        width = self.problem.variables[k].difference
-        sides = [values.copy(), values.copy()]
-        sides[0][k] = max(values[k] - width, self._low[k])
-        sides[1][k] = min(values[k] + width, self._low[k] + self._width[k])
+        sides = self._sides(values, k)
         found = self._solve(sides, self.problem.iron.refinement, "difference", ())
         pairs = [(side[k], one) for side, one in zip(sides, found, strict=True) if one.solved]
         if len(pairs) == 1:
@@ -383,6 +390,13 @@ class Designs:
             return 0.0
         (x0, below), (x1, above) = pairs
         return (above.numbers[number.label] - below.numbers[number.label]) / (x1 - x0)
+
+    def _sides(self, values: Array, k: int) -> list[Array]:
+        """The two designs of a central difference by variable k, within the bounds."""
+        width, sides = self.problem.variables[k].difference, [values.copy(), values.copy()]
+        sides[0][k] = max(values[k] - width, self._low[k])
+        sides[1][k] = min(values[k] + width, self._low[k] + self._width[k])
+        return sides
 
     # What was found.
 

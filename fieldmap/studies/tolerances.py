@@ -29,8 +29,6 @@ from fieldmap.studies.study import Linked, setting_words
 from fieldmap.typing import Array, PathLike, Progress
 
 _CALLER = "analyse_tolerances"
-# Random devices for each process.
-_AT_A_TIME = 4
 # Of the range that holds 95 % of the samples.
 _TAILS = (0.025, 0.975)
 
@@ -115,6 +113,7 @@ def analyse_tolerances(
     resume: bool = True,
     workers: int = 1,
     progress: Progress | None = None,
+    scheduler: str | None = None,
 ) -> ToleranceAnalysis:
     """How far numbers that studies record are uncertain, and which number of the device makes them so.
 
@@ -136,9 +135,11 @@ def analyse_tolerances(
     resume
         Whether the devices of an earlier run are taken.
     workers
-        Devices solved at a time.
+        Processes that solve the devices of differences and samples: `fieldmap.parallel.Workers`.
     progress
         Called as progress(message, fraction) between steps.
+    scheduler
+        Address of a dask scheduler whose workers solve.
 
     Returns
     -------
@@ -165,7 +166,7 @@ def analyse_tolerances(
     about = (saturating, refinement, points, box, force_share)
     problem = _problem(uncertain, numbers, samples, device, currents, *about)
     deviations = {one.key: float(one.deviation) for one in uncertain}
-    with searching(problem, output, resume, workers, progress) as search:
+    with searching(problem, output, resume, workers, progress, scheduler) as search:
         centre = problem.starts
         nominal = search.at(centre)
         if not nominal.solved:
@@ -174,10 +175,7 @@ def analyse_tolerances(
         slopes = {number.label: search.slopes(centre, number) for number in problem.numbers}
         _check_differences(search, nominal)
         draws = np.random.default_rng(seed).standard_normal((samples, len(centre)))
-        rows = list(centre + draws * np.array(list(deviations.values())))
-        # Progress is told after each of these.
-        few = _AT_A_TIME * workers
-        drawn = [one for k in range(0, samples, few) for one in search.sampled(rows[k : k + few])]
+        drawn = search.sampled(list(centre + draws * np.array(list(deviations.values()))))
     solved = [one for one in drawn if one.solved]
     if drawn and len(solved) < 2:
         must_hold, remedy = "at least two random devices must be solved", "see why they fail"

@@ -152,9 +152,7 @@ def say(values: Mapping[str, float]) -> None:
     print("  " + ", ".join(f"{key.split('.')[-1]} {value:.4g}" for key, value in values.items()), flush=True)
 
 
-def fit(
-    pool: ProcessPoolExecutor, history: History, refinement: float, predicted: tuple[str, ...]
-) -> dict[str, Any]:
+def fit(processes: int, history: History, refinement: float, predicted: tuple[str, ...]) -> dict[str, Any]:
     """Joint, coercive field and h from Table 6-4; tables predicted with them."""
     known = tables()
     found = fit_machine(
@@ -165,7 +163,7 @@ def fit(
         solve=partial(JointedUnit, led=Led(history, refinement=refinement)),
         on_solve=say,
         close=CLOSE,
-        workers=pool.map,
+        workers=processes,
     )
     after = {
         one.name: {"after": one.after.tolist(), "uncertainty": one.uncertainty.tolist()}
@@ -441,7 +439,7 @@ def main() -> None:
     options = parser.parse_args()
     started = time.time()
     with ProcessPoolExecutor(options.processes, multiprocessing.get_context("spawn")) as pool:
-        best = fit(pool, options.history, options.refinement, BRANCHES)
+        best = fit(options.processes, options.history, options.refinement, BRANCHES)
         found: dict[str, Any] = {"fit": best}
         print(f"\nFitted to {FIRST}, {time.time() - started:.0f} s")
         show_fit(best)

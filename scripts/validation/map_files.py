@@ -9,6 +9,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ CORRUPTED = 1000
 SEEDS = 5
 KILLS = 25
 # Starting workers takes some seconds each time.
-KILLS_OF_RUNS, KILLS_OF_WORKERS = 10, 5
+KILLS_OF_RUNS, KILLS_OF_WORKERS, KILLS_OF_SCHEDULERS = 10, 5, 10
 MODEL = "/fieldmap/reduced_model"
 RECIPES = {
     "linear iron": """
@@ -145,13 +146,89 @@ def killed_workers() -> Iterator[Row]:
         yield from _killed("saturating iron", KILLS_OF_RUNS, "two of a scheduler", scheduler=address)
 
 
+def killed_schedulers() -> Iterator[Row]:
+    """Saturating iron by two workers of a scheduler that is killed ten times, after a few pieces each time. A run ends,
+    and the same command goes on with another scheduler."""
+    begin, moments, exits = time.perf_counter(), random.Random(9), []
+    with tempfile.TemporaryDirectory() as folder:
+        recipe, target = _recipe(Path(folder), "saturating iron"), Path(folder) / "map.h5"
+        _run(recipe, target.with_name("compiles.h5"))
+        _run(recipe, target.with_name("whole.h5"))
+        for _ in range(KILLS_OF_SCHEDULERS):
+            with _scheduler(Path(folder)) as (where, scheduler):
+                left = moments.randint(1, 3)
+
+                def count(
+                    text: str, _: subprocess.Popen[str], scheduler: subprocess.Popen[bytes] = scheduler
+                ) -> None:
+                    nonlocal left
+                    left -= _is_piece(text)
+                    if not left:
+                        scheduler.kill()
+
+                try:
+                    _run(recipe, target, where, count)
+                except subprocess.CalledProcessError as error:
+                    exits.append(error.returncode)
+        with _scheduler(Path(folder)) as (where, _):
+            steps = _run(recipe, target, where)
+        differing = _differing(target)
+    first = next(text for _, text in steps if _is_piece(text))
+    seconds, case = time.perf_counter() - begin, "saturating iron, schedulers killed"
+    note = f"the run without a break; the last one began with {first}"
+    yield Row(case, "data sets that differ in a bit", differing, 0, note, seconds=seconds)
+    missing = KILLS_OF_SCHEDULERS - exits.count(1)
+    yield Row(
+        case, f"runs of {KILLS_OF_SCHEDULERS} that did not end with exit code 1", missing, 0, "each does"
+    )
+
+
+@contextmanager
+def _scheduler(folder: Path) -> Iterator[tuple[dict[str, str], subprocess.Popen[bytes]]]:
+    """A scheduler and two workers, each a process of its own: where they are, and the scheduler."""
+    file = folder / "scheduler.json"
+    file.unlink(missing_ok=True)
+    program = [
+        sys.executable,
+        "-m",
+        "distributed.cli.dask_{}",
+        "--no-dashboard",
+        "--scheduler-file",
+        str(file),
+    ]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    each = {"scheduler": ["--port", "0"], "worker": ["--nthreads", "1", "--nworkers", "2"]}
+    commands = [[part.format(kind) for part in program] + more for kind, more in each.items()]
+    scheduler, workers = (subprocess.Popen(command, **quiet) for command in commands)
+    try:
+        while not file.exists():
+            time.sleep(0.1)
+        yield {"scheduler": str(file)}, scheduler
+    finally:
+        scheduler.kill()
+        for child in psutil.Process(workers.pid).children(recursive=True):
+            child.kill()
+        workers.kill()
+
+
+def _recipe(folder: Path, iron: str) -> Path:
+    recipe = folder / "recipe.toml"
+    recipe.write_text(RECIPES[iron])
+    recipe.with_name("two_cores.toml").write_text(_two_cores())
+    return recipe
+
+
+def _differing(target: Path) -> int:
+    """Data sets of a map that differ from those of the run without a break."""
+    whole, ours = _numbers(target.with_name("whole.h5")), _numbers(target)
+    return sum(whole[name] != ours.get(name) for name in whole) + abs(len(ours) - len(whole))
+
+
 def _killed(iron: str, kills: int = KILLS, by: str = "", **where: Any) -> Iterator[Row]:
     """A run without a break in one process, and one that is killed, by the processes that `where` names."""
     begin, case = time.perf_counter(), f"{iron}, {by}" if by else iron
     with tempfile.TemporaryDirectory() as folder:
-        recipe, target = Path(folder) / "recipe.toml", Path(folder) / "map.h5"
-        recipe.write_text(RECIPES[iron])
-        recipe.with_name("two_cores.toml").write_text(_two_cores())
+        recipe, target = _recipe(Path(folder), iron), Path(folder) / "map.h5"
         _run(recipe, target.with_name("compiles.h5"))
         steps = _run(recipe, target.with_name("whole.h5"))
         if where:
@@ -161,12 +238,17 @@ def _killed(iron: str, kills: int = KILLS, by: str = "", **where: Any) -> Iterat
         done, reached = _kill(recipe, target, pieces[0], kills, where)
         if where:
             count, steps = _run_while_workers_die(recipe, target, where)
-            yield Row(case, "kills of workers missing of 5", KILLS_OF_WORKERS - count, 0, "the run went on")
+            yield Row(
+                case,
+                f"kills of workers missing of {KILLS_OF_WORKERS}",
+                KILLS_OF_WORKERS - count,
+                0,
+                "the run went on",
+            )
         else:
             steps = _run(recipe, target)
         resumed = [text for _, text in steps if "resumed" in text]
-        whole, ours = _numbers(target.with_name("whole.h5")), _numbers(target)
-        differing = sum(whole[name] != ours.get(name) for name in whole) + abs(len(ours) - len(whole))
+        differing = _differing(target)
     yield Row(
         f"{case}, {len(pieces)} pieces, killed {done} times",
         "data sets that differ in a bit",

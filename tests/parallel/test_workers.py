@@ -7,12 +7,13 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
 
 from fieldmap.errors import InputError, NotConverged, Problem
-from fieldmap.parallel import Common, WorkerDied, Workers, in_threads, same_arithmetic
+from fieldmap.parallel import Common, SchedulerLost, WorkerDied, Workers, in_threads, same_arithmetic
 
 
 @pytest.fixture(scope="module")
@@ -151,12 +152,13 @@ def test_a_piece_that_kills_every_process_is_an_outcome_too(two):
     assert isinstance(by_index[1].error, WorkerDied)
 
 
-def test_workers_of_a_scheduler_that_is_there_are_used_and_left_alone(two):
-    client = two._pool._client
-    with Workers(scheduler=client.scheduler.address) as workers:
-        found = workers.results(lambda item: os.getpid(), range(8))
-    assert set(found) <= set(client.run(os.getpid).values())
-    assert two.results(abs, [-1]) == [1]
+def test_workers_of_a_scheduler_that_is_there_are_used_and_left_alone():
+    with Workers(2) as own:
+        client = own._pool._client
+        with Workers(scheduler=client.scheduler.address) as workers:
+            found = workers.results(lambda item: os.getpid(), range(8))
+        assert set(found) <= set(client.run(os.getpid).values())
+        assert own.results(abs, [-1]) == [1]
 
 
 @pytest.mark.parametrize(
@@ -309,3 +311,117 @@ def test_an_interruption_leaves_at_once():
     assert next(outcomes).value == 0
     with pytest.raises(KeyboardInterrupt):
         next(outcomes)
+
+
+@contextmanager
+def scheduler_of(folder, workers):
+    """Address of a scheduler in a process of its own, the process, and a function that starts a worker of it."""
+    file, started = folder / "scheduler.json", []
+
+    def start(*arguments):
+        command = [sys.executable, "-m", *arguments, "--no-dashboard", "--scheduler-file", str(file)]
+        started.append(subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL))
+        return started[-1]
+
+    def worker():
+        return start("distributed.cli.dask_worker", "--nthreads", "1", "--no-nanny")
+
+    scheduler = start("distributed.cli.dask_scheduler", "--port", "0")
+    try:
+        wait_until(file.exists)
+        for _ in range(workers):
+            worker()
+        yield str(file), scheduler, worker
+    finally:
+        for process in started:
+            process.kill()
+            process.wait()
+
+
+def test_what_is_common_passes_client_and_scheduler_once(two):
+    """A megabyte in each of 200 pieces would be 600 MB; here it is read and written four times for the first worker,
+    and never again."""
+    from scripts.benchmarks.traffic import counted
+
+    def work(data, item):
+        import time
+
+        time.sleep(0.01)
+        return float(data[item])
+
+    data = np.random.default_rng(3).random(125_000)
+    with counted() as passed:
+        found = two.results(work, range(200), Common.of(data))
+    assert found == data[:200].tolist()
+    assert passed[0] < 8 * data.nbytes
+
+
+def test_pieces_wait_here_until_there_is_room(two):
+    """Ten thousand pieces, of which the first few are taken: the others were not even looked at."""
+
+    class Items(list):
+        looked_at = 0
+
+        def __iter__(self):
+            for item in super().__iter__():
+                Items.looked_at += 1
+                yield item
+
+    outcomes = two.map(slowly(), Items(range(10_000)))
+    assert {next(outcomes).error for _ in range(4)} == {None}
+    outcomes.close()
+    # A tenth of a second each: 100 for each of two processes would be ten seconds' work.
+    assert Items.looked_at <= 2 * 100 + 4
+
+
+def slowly():
+    def work(item):
+        import time
+
+        time.sleep(0.1)
+        return item
+
+    return work
+
+
+def test_a_worker_that_comes_later_takes_part_with_what_is_common(tmp_path):
+    def work(made, item):
+        import os
+        import time
+
+        time.sleep(0.05)
+        return os.getpid(), float(made[item])
+
+    data = np.random.default_rng(4).random(150)
+    with scheduler_of(tmp_path, 1) as (file, _, worker), Workers(scheduler=file) as workers:
+        outcomes = workers.map(work, range(150), Common.of(data))
+        found = [next(outcomes)]
+        first, second = found[0].value[0], worker()
+        while found[-1].value[0] == first:
+            found.append(next(outcomes))
+        # All that have the data die.
+        os.kill(first, signal.SIGKILL)
+        second.kill()
+        third = worker()
+        found += outcomes
+    assert [one.value[1] for one in sorted(found, key=lambda one: one.index)] == data.tolist()
+    assert {one.value[0] for one in found} == {first, second.pid, third.pid}
+
+
+def test_a_scheduler_that_dies_ends_the_run_with_an_error_at_once(tmp_path):
+    found = []
+
+    def interrupted(file, scheduler):
+        with Workers(scheduler=file) as workers:
+            for outcome in workers.map(slowly(), range(10_000)):
+                found.append(outcome.result())
+                if len(found) == 5:
+                    scheduler.kill()
+
+    with scheduler_of(tmp_path, 2) as (file, scheduler, _):
+        begin = time.monotonic()
+        with pytest.raises(SchedulerLost):
+            interrupted(file, scheduler)
+        # Ten thousand pieces would take minutes.
+        assert time.monotonic() - begin < 15
+    assert len(found) >= 5

@@ -39,6 +39,18 @@ def test_fields_as_magpylib_sources(benchmark):
         assert row["ratio"] > 0
 
 
+def test_traffic_of_a_shared_object_does_not_grow_with_the_pieces(benchmark):
+    pytest.importorskip("distributed")
+    section = benchmark("traffic")
+    passed = {(row["pieces"], row["way"]): row["bytes"] for row in section["rows"]}
+    for pieces in (20, 40):
+        # The client writes the object and the scheduler reads it, and writes it to a worker, for each piece.
+        assert passed[pieces, "in each task"] > 3 * pieces * section["size"]
+        assert passed[pieces, "fieldmap"] < 0.1 * passed[pieces, "in each task"]
+    more = passed[40, "fieldmap"] - passed[20, "fieldmap"]
+    assert more < section["size"]
+
+
 def test_disk_against_finite_elements(disk):
     """mu_r 4000: the error falls with the mesh, to the bounds. Half the element size: at least by a power of 1.5."""
     coarse, middle, fine = (disk.fieldmap_row(refinement) for refinement in (0.5, 0.7, 1.0))

@@ -15,7 +15,6 @@ from fieldmap.levitation import find_equilibrium
 from fieldmap.sources import CoilSet
 from fieldmap.studies import read_study, run_study, variant_result
 from fieldmap.studies.equilibrium_area import area_outline, equilibrium_area
-from fieldmap.studies.run import task_of
 from fieldmap.studies.variant_result import controllable_share, lowest_lift_height
 from tests.conftest import DEVICES
 from tests.levitation.conftest import PolynomialField, lifting_above, slope_on_axis
@@ -380,7 +379,9 @@ def test_meshes_are_refined_until_the_worst_error_is_small_enough(devices, monke
             return SimpleNamespace(flux_density=flux, gradient=2 * flux)
 
     monkeypatch.setattr(variant_result, "SolvedIron", Made)
-    found = variant_result.solve_variant(task_of(read_study(devices.study("errors.toml", ERRORS)), 0))
+    of = read_study(devices.study("errors.toml", ERRORS))
+    task = variant_result.Task(of.variants[0].document, of.current_sets, of.iron, of.record)
+    found = variant_result.solve_variant(task)
     np.testing.assert_allclose(seen, 0.5 * 1.4 ** np.arange(meshes))
     if falls:
         errors = [0.05 * current * 1.4 ** (-falls * (meshes - 1)) for current in (1, 2)]

@@ -186,17 +186,13 @@ def test_mistakes_are_told_together(unknowns, table, count):
 
 def test_workers_give_the_same_fit_and_predictions_are_computed_at_the_ends_only():
     table, unknowns = noisy(4), [OUTER, TURNS_LIKE]
-    asked, batches = [], []
+    asked = []
 
     def far_off(device, _):
         asked.append((1e3 * device.coils[0].outer_radius, 1e3 * device.coils[1].outer_radius))
         return CoilSet(device.coils).field([0.0, 0.0, -0.02], [1.0, 1.0])
 
     other = ComputedReadings("other", far_off, np.zeros(3), 1e-6)
-
-    def workers(function, things):
-        batches.append(len(things))
-        return [function(one) for one in things]
 
     plain = fitted(unknowns, [table], [other])
     at_the_end = list(plain.values.values())
@@ -205,10 +201,13 @@ def test_workers_give_the_same_fit_and_predictions_are_computed_at_the_ends_only
     # One difference for each unknown.
     assert len(asked) == 4
     assert [round(float(np.abs(np.subtract(one, at_the_end)).max()), 3) for one in asked[2:]] == [0.14, 0.22]
-    spread = fitted(unknowns, [table], [other], workers=workers)
+    pytest.importorskip("distributed")
+    asked.clear()
+    spread = fitted(unknowns, [table], [other], workers=2)
     assert spread.values == plain.values
     np.testing.assert_array_equal(spread.covariance, plain.covariance)
-    assert set(batches) <= {2, 3, 4}
+    # The differences, and what else several tables need at once, were computed elsewhere.
+    assert len(asked) < 4
 
 
 def test_a_search_that_is_close_enough_ends():

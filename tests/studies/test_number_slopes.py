@@ -67,7 +67,7 @@ def values_at(made, changes=None):
 def slope(made, key, step):
     """By difference of two solved designs."""
     start = made.named(made.starts)[key]
-    ahead, behind = (evaluate(Asked(made, values_at(made, {key: start + s * step}), MESH)) for s in (1, -1))
+    ahead, behind = (evaluate(made, Asked(values_at(made, {key: start + s * step}), MESH)) for s in (1, -1))
     assert (ahead.failure, behind.failure) == ("", "")
     return {name: (ahead.numbers[name] - behind.numbers[name]) / (2 * step) for name in ahead.numbers}
 
@@ -75,7 +75,7 @@ def slope(made, key, step):
 def compare(made, steps):
     """Every exact derivative within a bound of its size; of numbers that hardly follow, of a thousandth of what they
     would change by if they followed in proportion. Which numbers have one."""
-    found = evaluate(Asked(made, values_at(made), MESH, made.keys))
+    found = evaluate(made, Asked(values_at(made), MESH, made.keys))
     assert found.solved, found.failure
     assert not found.refused
     for key, (value, step) in steps.items():
@@ -120,7 +120,7 @@ def test_of_a_current_and_of_a_difference_of_two_sets():
     made = replace(made, variables=(*made.variables, current), besides=(*made.besides, shift))
     steps = {"current.loop": (1.5, 0.01), "parameters.side": (1.0, 0.1)}
     assert compare(made, steps) == {number.label for number in made.numbers}
-    slopes = evaluate(Asked(made, values_at(made), MESH, made.keys)).slopes
+    slopes = evaluate(made, Asked(values_at(made), MESH, made.keys)).slopes
     by_current = {label: by["current.loop"] for label, by in slopes.items()}
     assert by_current["power, carries"] == 0.0
     assert by_current["equilibrium_z, given - carries"] == by_current["equilibrium_z, given"]
@@ -131,7 +131,7 @@ def test_what_changes_otherwise_is_left_to_differences():
     made = problem(1.0, False, {"payload.mass_g": (10.0, 0.1), "coil.loop.turns": (100.0, 1.0)}, ("power",))
     own = Number("mine", "", of=lambda device, state: float(state.currents[0]))
     made = replace(made, besides=(own,))
-    found = evaluate(Asked(made, values_at(made), MESH, made.keys))
+    found = evaluate(made, Asked(values_at(made), MESH, made.keys))
     assert (list(found.refused), found.numbers["mine"]) == (["payload.mass_g"], 1.0)
     assert {label: list(by) for label, by in found.slopes.items()} == {"power": ["coil.loop.turns"]}
 
@@ -182,7 +182,7 @@ def test_of_a_payload_of_pieces():
         '[[payload.piece]]\nshape = "soft_sphere"\ndiameter_mm = 4.0\nmu_r = 99\nposition_mm = [0, 0, 6]\n'
     )
     made = paired(PAIR.split("[payload]")[0] + pieces, ("power", "flux_density 1 z", "force_per_ampere 1 z"))
-    found = evaluate(Asked(made, values_at(made), MESH, made.keys))
+    found = evaluate(made, Asked(values_at(made), MESH, made.keys))
     assert found.solved, found.failure
     assert set(found.slopes) == {f"{name}, given" for name in ("common_current", "power", "flux_density 1 z")}
 

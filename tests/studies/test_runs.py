@@ -201,9 +201,9 @@ class Dead:
     def __exit__(self, *_):
         pass
 
-    def map(self, function, things):
+    def map(self, function, things, common):
         for k, thing in enumerate(things):
-            value = None if k % 2 else function(thing)
+            value = None if k % 2 else function(common.here(), thing)
             yield SimpleNamespace(index=k, value=value, reason="the process died")
 
 

@@ -229,8 +229,8 @@ def test_statistics_of_samples_are_those_of_the_textbook():
     )
     # Itself, both sides of a difference, and the samples: 15 designs, as many as are allowed.
     assert found.solves == 15
-    # Samples are solved four at a time, and told of together.
-    shares = np.array([1, 3, 3, *[7] * 4, *[11] * 4, *[15] * 4]) / 15
+    # Each is told of when it is solved.
+    shares = np.arange(1, 16) / 15
     assert told == [(f"design {k + 1}", share) for k, share in enumerate(shares)]
     with pytest.raises(KeyError):
         found["kilograms"]

@@ -10,7 +10,7 @@ import pytest
 from fieldmap.maps import generate
 from fieldmap.store import read_map
 
-SCRIPT = Path(__file__).parents[2] / "scripts" / "slurm_map.py"
+SCRIPT = Path(__file__).parents[2] / "scripts" / "slurm.py"
 
 DEVICES = Path(__file__).parents[1] / "devices"
 DEVICE = (DEVICES / "one_coil.toml").read_text()
@@ -32,7 +32,7 @@ def run(*arguments, folder=None):
 
 def test_what_slurm_is_asked_for():
     options = "--cores 4 --memory 16GB --walltime 02:30:00 --queue batch --account lab --print"
-    lines = run("division", *options.split())
+    lines = run(*options.split())
     wanted = ("-J fieldmap", "-p batch", "-A lab", "-n 1", "--cpus-per-task=4", "--mem=15G", "-t 02:30:00")
     for directive in wanted:
         assert f"#SBATCH {directive}" in lines
@@ -45,7 +45,7 @@ def test_a_map_made_by_jobs(tmp_path):
     (tmp_path / "loop.toml").write_text(DEVICE)
     (tmp_path / "recipe.toml").write_text(RECIPE)
     jobs = ["--jobs", "2", "--cores", "1", "--memory", "2GB", "--try"]
-    assert run("recipe.toml", "-o", "jobs.h5", *jobs, folder=tmp_path)[-1] == "jobs.h5"
+    run(*jobs, "map", "recipe.toml", "-o", "jobs.h5", folder=tmp_path)
     ours = read_map(tmp_path / "jobs.h5")
     assert ours.provenance.solver_report["workers"] == "workers of a dask scheduler"
     alone = read_map(generate(tmp_path / "recipe.toml", tmp_path / "alone.h5"))

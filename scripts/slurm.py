@@ -1,27 +1,29 @@
-"""Make a map with the jobs of a SLURM cluster: docs/cluster.md.
+"""Run a fieldmap command that takes --scheduler with the jobs of a SLURM cluster: docs/cluster.md.
 
-    python scripts/slurm_map.py RECIPE [-o FILE] --jobs 8 --cores 4 --memory 16GB [--walltime 04:00:00]
-                                       [--queue NAME] [--account NAME] [--print | --try]
+    python scripts/slurm.py --jobs 8 --cores 4 --memory 16GB [--walltime 04:00:00] [--queue NAME] [--account NAME]
+                            [--print | --try] COMMAND ...
 
-Run it on a node that may submit jobs and may compute a little itself: this process assembles the iron as well, chooses
-states, and writes the file. Every job starts one worker per core. --print shows the job's script and submits nothing;
---try starts the jobs on this machine, without SLURM. Needs   pip install "fieldmap[cluster]"   on every node.
+COMMAND is what follows `fieldmap`: map RECIPE, study FILE, optimise FILE or fit FILE, with its options. Run it on a
+node that may submit jobs and may compute a little itself: this process prepares the work and writes the results; for a
+map of saturating iron it assembles the iron as well. Every job starts one worker per core. --print shows the job's
+script and submits nothing; --try starts the jobs on this machine, without SLURM.
+Needs   pip install "fieldmap[cluster]"   on every node.
 """
 
 import argparse
+import sys
 
 from dask_jobqueue import JobQueueCluster, SLURMCluster
 from dask_jobqueue.local import LocalCluster
 
-import fieldmap as fm
-from fieldmap.progress import Progress
+from fieldmap.cli import main as fieldmap
 
 
 def cluster_of(chosen: argparse.Namespace) -> JobQueueCluster:
     """Jobs as the cluster will start them; none yet."""
     # One process per core: pieces of work in one process would take turns.
     job = {"cores": chosen.cores, "processes": chosen.cores, "memory": chosen.memory, "job_name": "fieldmap"}
-    without_page = {"dashboard_address": None}
+    without_page = {"dashboard": False, "dashboard_address": ":0"}
     if chosen.try_here:
         return LocalCluster(**job, scheduler_options=without_page)
     # Workers take their leave before the cluster kills them; what they had in hand is done again.
@@ -47,8 +49,7 @@ def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("recipe", help="recipe file, or the name of a shipped recipe")
-    parser.add_argument("-o", "--output", help="map file; maps/out/RECIPE.h5 otherwise")
+    parser.add_argument("command", nargs=argparse.REMAINDER, help="what follows fieldmap: map division")
     parser.add_argument("--jobs", type=int, default=4, help="how many jobs")
     parser.add_argument("--cores", type=int, default=4, help="cores of a job, each with a worker")
     parser.add_argument("--memory", default="16GB", help="of a job, for all of its workers")
@@ -60,19 +61,17 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def main() -> None:
-    """Submit, compute, write."""
+def main() -> int:
+    """Submit, and run the command with the scheduler of the jobs; its exit code."""
     chosen = arguments()
     with cluster_of(chosen) as cluster:
         if chosen.print:
             print(cluster.job_script())
-            return
+            return 0
         # As many as asked for; adapt() starts new jobs in the place of those whose time is up.
         cluster.adapt(minimum_jobs=chosen.jobs, maximum_jobs=chosen.jobs)
-        with Progress("map") as progress:
-            address = cluster.scheduler_address
-            print(fm.generate(chosen.recipe, chosen.output, progress=progress, scheduler=address))
+        return fieldmap([*chosen.command, "--scheduler", cluster.scheduler_address])
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
