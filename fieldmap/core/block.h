@@ -12,11 +12,13 @@
 /* Where things lie in the header: kind; whether points outside are clamped; number of sets; degree; lower corner, m;
  * 1 / spacing, 1/m; cells along each axis; spacing over the unit of length; that unit, m, and its inverse; in files,
  * whether the last set is a field that no current drives, how many sets of the iron's reaction to magnets lie behind all
- * others, and of how many of these the sign is -1. */
+ * others, of how many of these the sign is -1, and of how many coils inductances and then constant linkages lie at the
+ * end. */
 enum {
     FIELDMAP_KIND = 0, FIELDMAP_CLAMPS = 1, FIELDMAP_SETS = 2, FIELDMAP_DEGREE = 3, FIELDMAP_LOWER = 4,
     FIELDMAP_INVERSE = 7, FIELDMAP_CELLS = 10, FIELDMAP_LOCAL = 13, FIELDMAP_LENGTH = 16, FIELDMAP_PER_LENGTH = 17,
-    FIELDMAP_CONSTANT = 18, FIELDMAP_REACTING = 19, FIELDMAP_REPELLED = 20, FIELDMAP_HEADER = 24
+    FIELDMAP_CONSTANT = 18, FIELDMAP_REACTING = 19, FIELDMAP_REPELLED = 20, FIELDMAP_LINKED = 21,
+    FIELDMAP_HEADER = 24
 };
 
 /* A whole number from low to high, or -1. NaN fails every comparison. */
@@ -37,7 +39,7 @@ static inline int fieldmap_of_block(fieldmap *map, const double *block, uint64_t
     int axis, nodes;
     map->coefficients = NULL;
     map->reaction = NULL;
-    map->reacting = map->repelled = 0;
+    map->reacting = map->repelled = map->linkage.coils = 0;
     if (count < FIELDMAP_HEADER) return FIELDMAP_DAMAGED;
     kind = fieldmap_whole(block[FIELDMAP_KIND], FIELDMAP_HERMITE, FIELDMAP_GLOBAL);
     sets = fieldmap_whole(block[FIELDMAP_SETS], 1, 1000000);

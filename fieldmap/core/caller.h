@@ -12,19 +12,20 @@
 
 #include "bodies.h"
 #include "current_table.h"
-#include "iron.h"
-#include "map.h"
+#include "electrical.h"
+#include "flux_linkage.h"
 
 /* Most fields behind those of the coils that a table may give. */
 enum { FIELDMAP_CALLER_FIELDS = 4096 };
 
 /* map: all fields whose sum is asked for. iron: from currents to their weights, where the iron saturates; table: instead of
- * it. Both NULL: the currents are the weights. body: what a wrench is asked of, or NULL. */
+ * it. Both NULL: the currents are the weights. body: what wrench and linkages are asked of, or NULL. linkage: of the coils. */
 typedef struct fieldmap_caller {
     const fieldmap *map;
     fieldmap_iron_state *iron;
     const fieldmap_current_table *table;
     const fieldmap_magnetic_body *body;
+    fieldmap_linkage linkage;
 } fieldmap_caller;
 
 /* How many currents a caller is asked with. */
@@ -70,7 +71,7 @@ static inline int fieldmap_caller_field(
     return status;
 }
 
-/* How many numbers of room a wrench takes. */
+/* How many numbers of room a wrench takes; linkages take no more. */
 static inline size_t fieldmap_caller_room(const fieldmap_caller *of)
 {
     const size_t fields = (size_t)fieldmap_sets(of->map), coils = (size_t)fieldmap_caller_coils(of);
@@ -127,6 +128,34 @@ static inline int fieldmap_caller_wrench(const fieldmap_caller *of, const double
             slopes[i * coils + c] = sum;
         }
     return FIELDMAP_OK;
+}
+
+/* linkages[coils], Wb, with a body as of fieldmap_caller_wrench if there is one, and inductance[coils * coils], H, of the coils
+ * without it. Not of a table. NaN unless the status is FIELDMAP_OK. */
+static inline int fieldmap_caller_linkages(const fieldmap_caller *of, const double *currents, const double *place,
+                                           const double *r, double *room, double *linkages, double *inductance)
+{
+    const int n = fieldmap_caller_coils(of), fields = fieldmap_sets(of->map), linked = of->table == NULL && of->linkage.coils == n;
+    double *along = room, *weights = along + fields, *slopes = of->iron == NULL ? NULL : weights + fields;
+    const fieldmap_path field = {of->map, weights, 0, NULL, NULL};
+    int k, status = linked ? FIELDMAP_OK : FIELDMAP_UNLINKED;
+    if (linked && slopes != NULL) {
+        status = fieldmap_solve_linkages(of->iron, &of->linkage, currents, weights, slopes, linkages, inductance);
+    } else if (linked) {
+        for (k = 0; k < fields; k++) weights[k] = k < n ? currents[k] : 1.0;
+        for (k = 0; k < n; k++) linkages[k] = 0.0;
+        fieldmap_add_linkages(&of->linkage, currents, linkages);
+        memcpy(inductance, of->linkage.inductance, (size_t)(n * n) * sizeof(double));
+    }
+    if (status == FIELDMAP_OK && of->body != NULL)
+        status = fieldmap_payload_along(&field, of->body, place, r, 1.0, fields, along);
+    if (status != FIELDMAP_OK) {
+        fieldmap_unknown(linkages, n);
+        fieldmap_unknown(inductance, n * n);
+    } else if (of->body != NULL) {
+        fieldmap_add_payload_linkages(n, fields, along, slopes, linkages);
+    }
+    return status;
 }
 
 #endif

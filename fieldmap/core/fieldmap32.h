@@ -41,7 +41,7 @@ enum { FM32_OK = FIELDMAP_OK, FM32_OUTSIDE = FIELDMAP_OUTSIDE, FM32_NOT_FINITE =
 #define FM32_CONSTANT_FIELD 1
 
 /* A map. coefficients: of all cells, of all coils, (degree + 1)^2 numbers each; constant: 1 if there is one more set
- * behind those of the coils, of a field that no current drives: it is in every result. */
+ * behind those of the coils, of a field that no current drives: it is in every result; linkage: of the coils. */
 typedef struct fm32_map {
     int32_t coils;
     int32_t degree;
@@ -53,6 +53,7 @@ typedef struct fm32_map {
     fm32_real per_length;
     const fm32_real *coefficients;
     int32_t constant;
+    fieldmap_linkage linkage;
 } fm32_map;
 
 /* The map of the functions above, but for its upper corner and the names of its coils, which none of them reads. */
@@ -129,6 +130,30 @@ static inline int32_t fm32_wrench(
         fieldmap_dipole_wrench(flux, gradient, moment, wrench);
     else
         fm32_zeros(wrench, 6);
+    return status;
+}
+
+/* linkages[coils], Wb, of coils and linear iron at currents[coils], and of a dipole of moment[3] at point[3]. FM32_ARGUMENT of
+ * a map without. */
+static inline int32_t fm32_flux_linkage(
+    const fm32_map *map, const fm32_real *currents, const fm32_real *point, const fm32_real *moment, fm32_real *linkages)
+{
+    fieldmap core;
+    fieldmap_spot spot;
+    const fm32_real *set = NULL;
+    fm32_real room[FIELDMAP_MAX_SIZE], local[3], flux[3];
+    int k, i, status = map->linkage.coils == map->coils && currents != NULL ? FM32_OK : FM32_ARGUMENT;
+    if (status == FM32_OK) status = fm32_polynomial_at(map, currents, point, room, &set, local);
+    fm32_zeros(linkages, (int)map->coils);
+    if (status != FM32_OK) return status;
+    fm32_as_fieldmap(map, &core);
+    fieldmap_locate(&core, point, &spot);
+    set = fieldmap_sets_at(&core, &spot, 0);
+    for (k = 0; k < core.n_coils; k++, set += core.size) {
+        fieldmap_field_of_polynomial(set, core.degree, core.per_length, local, flux, NULL);
+        for (i = 0; i < 3; i++) linkages[k] += moment[i] * flux[i];
+    }
+    fieldmap_add_linkages(&map->linkage, currents, linkages);
     return status;
 }
 

@@ -18,7 +18,7 @@
 #define FIELDMAP_IRON_H
 
 #include "fieldmap.h"
-#include "iron.h"
+#include "flux_linkage.h"
 
 /* What a status means. */
 static inline const char *fieldmap_iron_message(int status)
@@ -62,6 +62,8 @@ static inline int fieldmap_iron_view(fieldmap_iron *map, const void *bytes, size
     if (status == FIELDMAP_OK)
         status = fieldmap_view(&map->fields, numbers + count, size - FIELDMAP_NAMES - 8 * (size_t)count);
     if (status == FIELDMAP_OK && (map->fields.n_coils != map->n_fields || map->fields.constant)) status = FIELDMAP_DAMAGED;
+    if (status == FIELDMAP_OK && map->fields.linkage.coils != 0 && map->fields.linkage.coils != map->n_coils)
+        status = FIELDMAP_DAMAGED;
     if (status != FIELDMAP_OK) memset(map, 0, sizeof *map);
     return status;
 }
@@ -114,6 +116,34 @@ static inline int fieldmap_iron_wrench(
     status = fieldmap_iron_solve_at(state, currents, state->tolerance);
     if (status == FIELDMAP_OK) return fieldmap_wrench(&state->map->fields, state->solution, point, moment, wrench);
     for (i = 0; i < 6; i++) wrench[i] = (double)NAN;
+    return status;
+}
+
+/* Numbers of room that fieldmap_iron_flux_linkage takes. */
+static inline size_t fieldmap_iron_linkage_room(const fieldmap_iron *map)
+{
+    return (size_t)map->n_fields * (2 + (size_t)map->n_coils);
+}
+
+/* linkages[n_coils], Wb, at currents[n_coils], of coils and iron, and of a dipole of moment[3] at point[3], unless both are
+ * NULL; and, unless NULL, inductance[n_coils * n_coils], H: the derivatives of those without the dipole. */
+static inline int fieldmap_iron_flux_linkage(fieldmap_iron_state *state, const double *currents, const double *point,
+                                             const double *moment, double *room, double *linkages, double *inductance)
+{
+    double *along = room, *weights, *slopes;
+    int f, n, fields, status;
+    if (state == NULL || state->map == NULL || currents == NULL || room == NULL || linkages == NULL
+        || (point == NULL) != (moment == NULL))
+        return FIELDMAP_ARGUMENT;
+    n = state->map->n_coils, fields = state->map->n_fields;
+    if (state->map->fields.linkage.coils != n) return FIELDMAP_UNLINKED;
+    weights = along + fields, slopes = weights + fields;
+    for (f = 0; f < fields; f++) along[f] = 0.0;
+    status = fieldmap_solve_linkages(state, &state->map->fields.linkage, currents, weights, slopes, linkages, inductance);
+    if (status != FIELDMAP_OK || point == NULL) return status;
+    status = fieldmap_add_along(&state->map->fields, point, moment, along);
+    if (status == FIELDMAP_OK) fieldmap_add_payload_linkages(n, fields, along, slopes, linkages);
+    else fieldmap_unknown(linkages, n);
     return status;
 }
 

@@ -16,17 +16,26 @@
 
 enum {
     FIELDMAP_OK, FIELDMAP_OUTSIDE, FIELDMAP_NOT_FINITE, FIELDMAP_NO_FILE, FIELDMAP_TRUNCATED, FIELDMAP_NOT_A_MAP,
-    FIELDMAP_VERSION, FIELDMAP_BYTE_ORDER, FIELDMAP_DAMAGED, FIELDMAP_NO_MEMORY, FIELDMAP_ALIGNMENT, FIELDMAP_ARGUMENT
+    FIELDMAP_VERSION, FIELDMAP_BYTE_ORDER, FIELDMAP_DAMAGED, FIELDMAP_NO_MEMORY, FIELDMAP_ALIGNMENT, FIELDMAP_ARGUMENT,
+    FIELDMAP_UNLINKED
 };
 
 /* What the coefficients are of. The numbers stand in files. */
 enum { FIELDMAP_HERMITE, FIELDMAP_HARMONIC, FIELDMAP_GLOBAL };
 
+/* Flux linkages of so many coils without a payload (docs/theory/flux_linkage.md): inductance[coils * coils], H, and
+ * constant[coils], Wb. Saturating iron adds its own. coils: 0 where they are not known. */
+typedef struct fieldmap_linkage {
+    int coils;
+    const fm_real *inductance, *constant;
+} fieldmap_linkage;
+
 /* A map: treat as read-only. cells: along each axis; inverse: 1 / spacing, 1/m; local: spacing over the unit of length
  * of the polynomials, and per_length its inverse, 1/m; clamps: whether a point outside gets the value at the nearest
  * point of the box, not NaN. names: of the coils, each ended by a zero byte, one behind the other; owned: what
  * fieldmap_open took. reaction: so many sets `reacting` of coefficients as those of the fields, of the iron's
- * reaction to magnets, or NULL; repelled: of how many of them, the last, the sign is -1 (reaction.h). */
+ * reaction to magnets, or NULL; repelled: of how many of them, the last, the sign is -1 (reaction.h). linkage: of the
+ * coils that a file is of. */
 typedef struct fieldmap {
     int n_coils, constant, degree, kind, clamps, size;
     int cells[3];
@@ -36,7 +45,18 @@ typedef struct fieldmap {
     void *owned;
     const fm_real *reaction;
     int reacting, repelled;
+    fieldmap_linkage linkage;
 } fieldmap;
+
+/* Add to linkages[coils] those at currents[coils]. */
+static inline void fieldmap_add_linkages(const fieldmap_linkage *of, const fm_real *currents, fm_real *linkages)
+{
+    int k, j;
+    for (k = 0; k < of->coils; k++) {
+        linkages[k] += of->constant[k];
+        for (j = 0; j < of->coils; j++) linkages[k] += of->inductance[k * of->coils + j] * currents[j];
+    }
+}
 
 /* How many sets of coefficients a map has. */
 static inline int fieldmap_sets(const fieldmap *map)

@@ -24,8 +24,8 @@ static inline const char *fieldmap_message(int status)
         "done", "point outside the map's box", "point or current is NaN or infinite",
         "file cannot be opened or read", "file is shorter than it says", "not a map for C (fieldmap export --to c)",
         "written by a newer version", "written for the other byte order", "damaged: sizes or checksum do not fit",
-        "no memory", "address is not a multiple of 8", "argument missing"};
-    return status >= 0 && status <= FIELDMAP_ARGUMENT ? texts[status] : "unknown status";
+        "no memory", "address is not a multiple of 8", "argument missing", "map without flux linkages of its coils"};
+    return status >= 0 && status <= FIELDMAP_UNLINKED ? texts[status] : "unknown status";
 }
 
 /* CRC-32 of zlib and PNG, four bits at a time. */
@@ -94,13 +94,13 @@ static inline int fieldmap_view(fieldmap *map, const void *bytes, size_t size)
     const unsigned char *raw = (const unsigned char *)bytes;
     const double *block;
     uint32_t version, name_bytes;
-    uint64_t count, set;
-    long sets, reacting, repelled;
+    uint64_t count, set, linkages;
+    long sets, reacting, repelled, linked;
     size_t i, ended = 0;
     int status;
     if (map == NULL || bytes == NULL) return FIELDMAP_ARGUMENT;
     memset(map, 0, sizeof *map);
-    status = fieldmap_check_file(bytes, size, "fieldmap", FIELDMAP_NAMES, 3u, &version);
+    status = fieldmap_check_file(bytes, size, "fieldmap", FIELDMAP_NAMES, 4u, &version);
     if (status != FIELDMAP_OK) return status;
     memcpy(&name_bytes, raw + 28, 4);
     memcpy(&count, raw + 32, 8);
@@ -112,8 +112,13 @@ static inline int fieldmap_view(fieldmap *map, const void *bytes, size_t size)
     sets = fieldmap_whole(block[FIELDMAP_SETS], 1, 1000000);
     reacting = fieldmap_whole(block[FIELDMAP_REACTING], 0, FIELDMAP_REACTION_FIELDS);
     repelled = fieldmap_whole(block[FIELDMAP_REPELLED], 0, reacting);
+    linked = fieldmap_whole(block[FIELDMAP_LINKED], 0, sets);
     /* What the version says stands under the checksum as well. */
-    if (sets < 0 || reacting < 0 || repelled < 0 || (reacting > 0) != (version == 3u)) return FIELDMAP_DAMAGED;
+    if (sets < 0 || reacting < 0 || repelled < 0 || linked < 0) return FIELDMAP_DAMAGED;
+    if ((linked > 0) != (version == 4u) || (version < 4u && (reacting > 0) != (version == 3u))) return FIELDMAP_DAMAGED;
+    linkages = (uint64_t)linked * (uint64_t)(linked + 1);
+    if (linkages > count - FIELDMAP_HEADER) return FIELDMAP_DAMAGED;
+    count -= linkages;
     set = (count - FIELDMAP_HEADER) / (uint64_t)(sets + reacting);
     if (set * (uint64_t)(sets + reacting) != count - FIELDMAP_HEADER) return FIELDMAP_DAMAGED;
     status = fieldmap_of_block(map, block, FIELDMAP_HEADER + set * (uint64_t)sets, 3);
@@ -130,6 +135,8 @@ static inline int fieldmap_view(fieldmap *map, const void *bytes, size_t size)
         map->reaction = map->coefficients + set * (uint64_t)sets;
         map->reacting = (int)reacting, map->repelled = (int)repelled;
     }
+    map->linkage.coils = (int)linked;
+    map->linkage.inductance = block + count, map->linkage.constant = block + count + linked * linked;
     for (i = 0; i < name_bytes; i++) ended += raw[FIELDMAP_NAMES + i] == 0;
     if (status == FIELDMAP_OK && ended < (size_t)map->n_coils) status = FIELDMAP_DAMAGED;
     map->names = (const char *)(raw + FIELDMAP_NAMES);
@@ -187,7 +194,7 @@ static inline int fieldmap_at(const fieldmap *map, const double *currents, field
         fieldmap_sum_sets(map, map->coefficients + n * sets * size, currents, sums + n * size);
     *fixed = *map;
     fixed->n_coils = 1;
-    fixed->constant = 0;
+    fixed->constant = fixed->linkage.coils = 0;
     fixed->names = NULL;
     fixed->coefficients = sums;
     fixed->owned = sums;

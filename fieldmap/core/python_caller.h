@@ -82,6 +82,30 @@ static int call_wrench(const int64_t *words, double *numbers)
     return FIELDMAP_ARGUMENT;
 }
 
+/* The status of linkages. numbers: currents, place and rotation, behind them room for linkages and inductances, and for the
+ * work. */
+static int call_linkages(const int64_t *words, double *numbers)
+{
+    const fieldmap_caller *of = caller_of(words);
+    const int64_t n = words[CALLER_COILS];
+    double *place = numbers + n, *r = place + 3, *linkages = r + 9, *inductance = linkages + n, *room = inductance + n * n;
+    if (of != NULL) return fieldmap_caller_linkages(of, numbers, place, r, room, linkages, inductance);
+    fieldmap_unknown(linkages, (int)(n + n * n));
+    return FIELDMAP_ARGUMENT;
+}
+
+/* The linkages of a caller: None, or an object with inductance (n, n) and constant (n,). */
+static void read_linkage(reader *from, fieldmap_caller *of)
+{
+    const int n = fieldmap_caller_coils(of);
+    PyObject *given = value_of(from, "linkage");
+    reader part = attributes_of(from, given);
+    if (given == NULL || given == Py_None) return;
+    of->linkage.inductance = numbers_of(&part, "inductance", 2, n * n).at;
+    of->linkage.constant = numbers_of(&part, "constant", 1, n).at;
+    of->linkage.coils = n;
+}
+
 static void read_caller(reader *from, void *out)
 {
     held_caller *whole = (held_caller *)out;
@@ -98,17 +122,20 @@ static void read_caller(reader *from, void *out)
                     || (of->table->fields <= FIELDMAP_CALLER_FIELDS && of->table->fields + 6 == fieldmap_sets(of->map))),
             PyExc_ValueError, "the map must have a field for each weight");
     if (PyErr_Occurred()) return;
+    read_linkage(from, of);
+    if (PyErr_Occurred()) return;
     whole->words[CALLER_ADDRESS] = (int64_t)(uintptr_t)of;
     whole->words[CALLER_MARK] = caller_mark;
     whole->words[CALLER_COILS] = fieldmap_caller_coils(of);
-    whole->words[CALLER_ROOM] = 18 + 7 * whole->words[CALLER_COILS] + (int64_t)fieldmap_caller_room(of);
+    whole->words[CALLER_ROOM] =
+        18 + (7 + whole->words[CALLER_COILS]) * whole->words[CALLER_COILS] + (int64_t)fieldmap_caller_room(of);
 }
 
-/* caller(map, iron state or table or None, body or None): its words (4,), an array that keeps all of it alive. */
+/* caller(map, iron state or table or None, body or None, linkage or None): its words (4,), an array that keeps all of it alive. */
 static PyObject *caller(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     const npy_intp count = CALLER_WORDS;
-    reader from = kept_arguments(args, given, 3);
+    reader from = kept_arguments(args, given, 4);
     PyObject *array, *capsule = held(&from, CALLER, sizeof(held_caller), read_caller);
     (void)self;
     if (capsule == NULL) return NULL;
@@ -130,9 +157,10 @@ static PyObject *caller_functions(PyObject *self, PyObject *const *args, Py_ssiz
     (void)self;
     arguments(args, given, 0);
     if (PyErr_Occurred()) return NULL;
-    return Py_BuildValue("{s:K,s:K,s:K}", "call_field", (unsigned long long)(uintptr_t)call_field, "call_field_of",
+    return Py_BuildValue("{s:K,s:K,s:K,s:K}", "call_field", (unsigned long long)(uintptr_t)call_field, "call_field_of",
                          (unsigned long long)(uintptr_t)call_field_of, "call_wrench",
-                         (unsigned long long)(uintptr_t)call_wrench);
+                         (unsigned long long)(uintptr_t)call_wrench, "call_linkages",
+                         (unsigned long long)(uintptr_t)call_linkages);
 }
 
 #define CALLER_FUNCTIONS FUNCTION(caller), FUNCTION(caller_functions)

@@ -197,4 +197,20 @@ static inline int fieldmap_wrench(
     return status;
 }
 
+/* linkages[n_coils], Wb, of coils and linear iron at currents[n_coils], and of a dipole of moment[3] at point[3], unless both
+ * are NULL. */
+static inline int fieldmap_flux_linkage(
+    const fieldmap *map, const fm_real *currents, const fm_real *point, const fm_real *moment, fm_real *linkages)
+{
+    int k, status;
+    if (map == NULL || currents == NULL || linkages == NULL || (point == NULL) != (moment == NULL)) return FIELDMAP_ARGUMENT;
+    if (map->linkage.coils != map->n_coils) return FIELDMAP_UNLINKED;
+    status = fieldmap_check(map, currents, point == NULL ? map->lower : point);
+    for (k = 0; k < map->n_coils; k++) linkages[k] = FM(0);
+    if (status == FIELDMAP_OK && point != NULL) status = fieldmap_add_along(map, point, moment, linkages);
+    if (status == FIELDMAP_OK) fieldmap_add_linkages(&map->linkage, currents, linkages);
+    else fieldmap_unknown(linkages, map->n_coils);
+    return status;
+}
+
 #endif

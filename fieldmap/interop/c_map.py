@@ -5,13 +5,16 @@ Layouts, in the byte order of the machine that writes. Of given fields:
 
     0   8 bytes   "fieldmap"
     8   uint32    0x01020304, which shows the byte order
-    12  uint32    version: 1, or 2 where the last set of the block is a field that no current drives, of weight 1
+    12  uint32    version: 1; 2 where the last set of the block is a field that no current drives, of weight 1; 3 with
+                  the iron's reaction to magnets; 4 with flux linkages of the coils
     16  uint64    size of the file in bytes
     24  uint32    CRC-32 of all that follows
     28  uint32    size of the names
     32  uint64    number of float64 numbers
     40  names     UTF-8, each ended by a zero byte; zeros up to a multiple of 8
-        float64   the block of fieldmap.core.block; number 18 is 1 in version 2, 0 in version 1
+        float64   the block of fieldmap.core.block, and behind it the fields of the reaction, inductances and constant
+                  linkages; numbers 18 to 21 say whether there is a constant field, how many fields the reaction has,
+                  how many of them count negatively, and how many coils have linkages
 
 Of saturating iron:
 
@@ -51,16 +54,18 @@ from fieldmap.interpolants import INTERPOLANTS
 from fieldmap.lookup import FieldMap, MapAtCurrents, compiled_currents, unit_block
 from fieldmap.lookup.current_model import STEP_TOLERANCE
 from fieldmap.lookup.evaluation import MapReaction
+from fieldmap.store import StoredLinkage
 from fieldmap.store.output_formats import output_problems
 from fieldmap.store.whole_files import write_whole
 from fieldmap.typing import PathLike
 
-VERSION, WITH_CONSTANT, WITH_REACTION = 1, 2, 3
+VERSION, WITH_CONSTANT, WITH_REACTION, WITH_LINKAGE = 1, 2, 3, 4
 _IRON, _WITH_MEMORY = 1, 2
 _MOST_CONSTANTS = 1_000_000
 # Where the block, whose checksum the file has, says what the version says: whether there is a constant field, and how
-# many fields of the iron's reaction to magnets lie behind its own, of which the last so many count negatively.
-_CONSTANT, _REACTING, _REPELLED = 18, 19, 20
+# many fields of the iron's reaction to magnets lie behind its own, of which the last so many count negatively, and of
+# how many coils there are linkages at the end.
+_CONSTANT, _REACTING, _REPELLED, _LINKED = 18, 19, 20, 21
 
 
 def c_header() -> Path:
@@ -99,7 +104,12 @@ def write_c_map(field: FieldMap | MapAtCurrents, path: PathLike) -> Path:
     """
     block, names, constant = _contents(field)
     check_harmonic(block, "write_c_map, field")
-    return write_whole(path, map_bytes(block, names, constant, field.reaction), "map for C")
+    content = map_bytes(block, names, constant, field.reaction, _linkage(field))
+    return write_whole(path, content, "map for C")
+
+
+def _linkage(field: FieldMap | MapAtCurrents) -> StoredLinkage | None:
+    return field.linkage if isinstance(field, FieldMap) and field.coil_names else None
 
 
 def _contents(field: FieldMap | MapAtCurrents) -> tuple[NDArray[np.float64], tuple[str, ...], bool]:
@@ -186,7 +196,7 @@ def write_c_iron_map(field: FieldMap, path: PathLike) -> Path:
     names = (*field.coil_names, *(f"iron {k + 1}" for k in range(len(model.output))))
     names += ("background",) if model.fixed.size else ()
     numbers = core_numbers(model)
-    behind = map_bytes(block, names, False, field.reaction)
+    behind = map_bytes(block, names, False, field.reaction, field.linkage)
     content = struct.pack("=IQ", len(remembered), len(numbers)) + numbers.tobytes() + remembered.tobytes()
     version = _WITH_MEMORY if field.remembers else _IRON
     return write_whole(path, sealed(b"fmapiron", version, content + behind), "map for C")
@@ -255,19 +265,28 @@ def write_c32_files(field: FieldMap | MapAtCurrents, path: PathLike) -> tuple[Pa
         remedy = 'open it with kind="global", or write_c_map for a file'
         raise InputError.of(where, must_hold, f"{count}", remedy)
     raise_all(output_problems(where, target, ["C header"], [target.with_name("fieldmap32.h")]))
-    write_whole(target, _constants(block, names, target.stem, constant), "C header")
+    write_whole(target, _constants(block, names, target.stem, constant, _linkage(field)), "C header")
     return target, header_beside(target, "fieldmap32.h")
 
 
-def _constants(block: NDArray[np.float64], names: tuple[str, ...], stem: str, constant: bool) -> str:
+def _constants(
+    block: NDArray[np.float64],
+    names: tuple[str, ...],
+    stem: str,
+    constant: bool,
+    linkage: StoredLinkage | None,
+) -> str:
     """The text of a map as C constants."""
 
     def some(position: int) -> str:
         return "{" + ", ".join(_single(x) for x in block[position : position + 3]) + "}"
 
-    numbers = [_single(x) for x in block[map_block.HEADER :]]
-    rows = ",\n".join("    " + ", ".join(numbers[k : k + 8]) for k in range(0, len(numbers), 8))
     name, degree = c_identifier(stem), int(block[map_block.DEGREE])
+    arrays, linked = _array(f"{name}_coefficients", block[map_block.HEADER :]), "0, 0, 0"
+    if linkage is not None:
+        arrays += _array(f"{name}_inductance", linkage.inductance.ravel())
+        arrays += _array(f"{name}_constant_linkages", linkage.constant)
+        linked = f"{len(names)}, {name}_inductance, {name}_constant_linkages"
     cells = ", ".join(str(int(n)) for n in block[map_block.CELLS : map_block.CELLS + 3])
     coils = "".join(f" *   {k}: {_in_comment(coil)}\n" for k, coil in enumerate(names))
     # A header of before would take the set that no current drives for that of a coil.
@@ -282,16 +301,19 @@ def _constants(block: NDArray[np.float64], names: tuple[str, ...], stem: str, co
 #endif
 #include "fieldmap32.h"
 {needed if constant else ""}
-static const fm32_real {name}_coefficients[{len(numbers)}] = {{
-{rows}
-}};
-
-static const fm32_map {name} = {{
+{arrays}static const fm32_map {name} = {{
     {len(names)}, {degree}, {int(block[map_block.RULE] == map_block.CLAMP)}, {{{cells}}},
     {some(map_block.LOWER)}, {some(map_block.INVERSE)}, {some(map_block.LOCAL)},
-    {_single(block[map_block.PER_LENGTH])}, {name}_coefficients, {int(constant)}
+    {_single(block[map_block.PER_LENGTH])}, {name}_coefficients, {int(constant)},
+    {{{linked}}}
 }};
 """
+
+
+def _array(name: str, values: NDArray[np.float64]) -> str:
+    numbers = [_single(x) for x in values]
+    rows = ",\n".join("    " + ", ".join(numbers[k : k + 8]) for k in range(0, len(numbers), 8))
+    return f"static const fm32_real {name}[{len(numbers)}] = {{\n{rows}\n}};\n\n"
 
 
 def _single(value: float) -> str:
@@ -324,17 +346,27 @@ def map_bytes(
     names: tuple[str, ...],
     constant: bool,
     reaction: MapReaction | None = None,
+    linkage: StoredLinkage | None = None,
 ) -> bytes:
     """The file of a block whose sets have these names; constant: whether one more has the weight 1 at any currents;
-    reaction: of the iron to magnets."""
+    reaction: of the iron to magnets; linkage: of the coils."""
     block = block.copy()
     block[_CONSTANT] = float(constant)
     if reaction is not None:
         block[_REACTING], block[_REPELLED] = reaction.core.sets, reaction.repelled
         block = np.concatenate([block, reaction.core.block[map_block.HEADER :]])
+    if linkage is not None:
+        block[_LINKED] = len(linkage.constant)
+        block = np.concatenate([block, linkage.inductance.ravel(), linkage.constant])
     text = b"".join(name.encode() + b"\0" for name in names)
     text += bytes(-len(text) % 8)
-    version = WITH_REACTION if reaction is not None else WITH_CONSTANT if constant else VERSION
+    known = (
+        (linkage, WITH_LINKAGE),
+        (reaction, WITH_REACTION),
+        (constant or None, WITH_CONSTANT),
+        (text, VERSION),
+    )
+    version = next(number for content, number in known if content is not None)
     return sealed(b"fieldmap", version, struct.pack("=IQ", len(text), len(block)) + text + block.tobytes())
 
 

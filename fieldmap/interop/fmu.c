@@ -1,5 +1,8 @@
 /* A map, and a rigid body with a magnet in it, as an FMU: FMI 2.0 or 3.0, model exchange and co-simulation.
  *
+ * Coils with drives are those of the simulator (machine.h), in co-simulation alone: currents are states, and inputs are what
+ * the drives are asked for. Without a body inside the magnet moves evenly in a step.
+ *
  * Saturating iron is solved at the currents. What iron with hysteresis remembers changes at the steps alone: each goes
  * straight to the currents that are set. In model exchange a step is one that the importer has completed.
  *
@@ -14,6 +17,10 @@
 #if FMU_IRON
 #include "fieldmap_iron.h"
 #endif
+#if FMU_DRIVEN
+#include "caller.h"
+#include "machine.h"
+#endif
 
 #if defined(_WIN32)
 #define EXPORT __declspec(dllexport)
@@ -24,7 +31,8 @@
 enum {
     TIME = 0, POSITION = 1, VELOCITY = 4, TURN = 7, ANGULAR = 11, DERIVATIVES = 14, PUSH = 27, TWIST = 30, STRENGTH = 33,
     MASS = 34, INERTIA = 35, GRAVITY = 38, STEP = 39, FIELD = 40, GRADIENT = 43, FORCE = 52, TORQUE = 55, CURRENTS = 58,
-    VALUES = CURRENTS + FMU_COILS, STATES = FMU_BODY ? 13 : 0
+    ASKED = CURRENTS + FMU_COILS, LINKAGES = ASKED + FMU_DRIVEN * FMU_COILS, EMF = LINKAGES + FMU_DRIVEN * FMU_COILS,
+    VALUES = EMF + FMU_DRIVEN * FMU_COILS, STATES = FMU_BODY && !FMU_DRIVEN ? 13 : 0
 };
 #define MOST_STEPS 1e7
 enum { OK, WARNING, DISCARD, ERROR, FATAL };
@@ -39,6 +47,14 @@ typedef struct model {
 #else
     fieldmap map;
 #endif
+#if FMU_DRIVEN
+    fieldmap_machine machine;
+    fieldmap_electrical coils;
+    fieldmap_dipole magnet[FMU_DIPOLES];
+#endif
+    double *run, *room; /* numbers of the coils and weights of the fields; room for voltages */
+    size_t run_size;
+    int running; /* the coils go on from their last step, and not from the currents and the pose that are set */
     double values[VALUES + 1];
     int stale; /* outputs and derivatives do not belong to the inputs */
     int status;
@@ -57,7 +73,28 @@ static const double starts[VALUES] = FMU_STARTS;
 static const char *message(int status) { return fieldmap_iron_message(status); }
 static const fieldmap *fields(const model *m) { return &m->map.fields; }
 static int coils(const model *m) { return m->map.n_coils; }
-static const double *weights(const model *m) { return m->state.solution; }
+static void *aligned(const model *m) { return (void *)(((uintptr_t)m->memory + 63) / 64 * 64); }
+
+#if FMU_DRIVEN
+/* Steps of coils begin at all that the last solve has left, and not alone at what iron remembers. */
+enum { SCALARS = 4 };
+static size_t remembered(const model *m) { return SCALARS + fieldmap_iron_memory(&m->map) / sizeof(double); }
+static void keep_iron(model *m)
+{
+    const fieldmap_iron_state *s = &m->state;
+    m->remembered[0] = s->count, m->remembered[1] = s->steps, m->remembered[2] = s->left_over, m->remembered[3] = s->heat;
+    memcpy(m->remembered + SCALARS, aligned(m), fieldmap_iron_memory(&m->map));
+}
+static void recall_iron(model *m)
+{
+    fieldmap_iron_state *s = &m->state;
+    s->count = (int)m->remembered[0], s->steps = (int)m->remembered[1];
+    s->left_over = m->remembered[2], s->heat = m->remembered[3];
+    memcpy(aligned(m), m->remembered + SCALARS, fieldmap_iron_memory(&m->map));
+}
+#else
+static void keep_iron(model *m) { fieldmap_iron_copy(&m->state, m->remembered, NULL); }
+static void recall_iron(model *m) { fieldmap_iron_copy(&m->state, NULL, m->remembered); }
 
 /* Numbers that the iron remembers. */
 static size_t remembered(const model *m)
@@ -65,6 +102,8 @@ static size_t remembered(const model *m)
     fieldmap_iron_state state = m->state;
     return fieldmap_iron_copy(&state, NULL, NULL);
 }
+
+static const double *weights(const model *m) { return m->state.solution; }
 
 /* The iron goes straight from the last step to the currents. It remembers this if it is a step. */
 static int follow(model *m, int step)
@@ -74,20 +113,21 @@ static int follow(model *m, int step)
     for (k = 0; k < FMU_COILS; k++) same = same && m->state.solution[k] == currents[k];
     if (same && !step) return FIELDMAP_OK;
     m->solved = 0;
-    fieldmap_iron_copy(&m->state, NULL, m->remembered);
+    recall_iron(m);
     status = step ? fieldmap_iron_step(&m->state, currents) : fieldmap_iron_follow(&m->state, currents);
     if (status != FIELDMAP_OK) return status;
-    if (step) fieldmap_iron_copy(&m->state, m->remembered, NULL);
+    if (step) keep_iron(m);
     m->solved = 1;
     return status;
 }
+#endif
 
 /* The memory that the file has. */
 static void begin(model *m)
 {
     const size_t size = fieldmap_iron_memory(&m->map);
-    fieldmap_iron_start(&m->state, &m->map, (void *)(((uintptr_t)m->memory + 63) / 64 * 64), size);
-    fieldmap_iron_copy(&m->state, m->remembered, NULL);
+    fieldmap_iron_start(&m->state, &m->map, aligned(m), size);
+    keep_iron(m);
     m->solved = 0;
 }
 
@@ -122,15 +162,24 @@ static void recall(model *m, const double *in)
 static const char *message(int status) { return fieldmap_message(status); }
 static const fieldmap *fields(const model *m) { return &m->map; }
 static int coils(const model *m) { return m->map.n_coils; }
+#if !FMU_DRIVEN
 static const double *weights(const model *m) { return FMU_COILS ? m->values + CURRENTS : NULL; }
-static size_t remembered(const model *m) { (void)m; return 0; }
 static int follow(model *m, int step) { (void)m, (void)step; return FIELDMAP_OK; }
+#else
+static void keep_iron(model *m) { (void)m; }
+static void recall_iron(model *m) { (void)m; }
+#endif
+static size_t remembered(const model *m) { (void)m; return 0; }
 static void begin(model *m) { (void)m; }
 static void close_map(model *m) { fieldmap_close(&m->map); }
 static int open_file(model *m, const char *path) { return fieldmap_open(&m->map, path); }
 static void store(const model *m, double *out) { (void)m, (void)out; }
 static void recall(model *m, const double *in) { (void)m, (void)in; }
 
+#endif
+
+#if FMU_DRIVEN
+static const double *weights(const model *m) { return m->machine.weights; }
 #endif
 
 /* The body of a model in the field of its currents, with the magnets at their strength in `magnet`. */
@@ -164,6 +213,136 @@ static double state_of(const model *m, fieldmap_state *state)
     return length;
 }
 
+#if FMU_DRIVEN
+
+static const fieldmap_coil drives[FMU_COILS] = FMU_DRIVES;
+
+/* The machine at the values that are set. */
+static fieldmap_machine *machine_of(model *m)
+{
+    fieldmap_machine *machine = &m->machine;
+    int i;
+    body_of(m, m->magnet, &machine->body, &machine->field);
+    if (!FMU_BODY) {
+        /* Nothing changes the motion of a body of this mass. */
+        machine->body.mass = 1e30, machine->body.gravity[2] = 0.0;
+        for (i = 0; i < 3; i++) machine->body.inertia[i] = 1e30;
+    }
+    return machine;
+}
+
+static fieldmap_caller caller_of(model *m)
+{
+    fieldmap_caller of;
+    memset(&of, 0, sizeof of);
+    of.map = fields(m), of.iron = m->machine.superposition.iron, of.body = &m->machine.body.magnetic;
+    return of;
+}
+
+/* What a machine needs beside the values that are set. */
+static int give_drives(model *m)
+{
+    fieldmap_electrical *coils = &m->coils;
+    fieldmap_superposition *of = &m->machine.superposition;
+    fieldmap_caller asked;
+    const fieldmap_linkage linkage = fields(m)->linkage;
+    size_t size;
+    if (linkage.coils != FMU_COILS) return FIELDMAP_UNLINKED;
+    of->scale = 1.0, of->n_coils = of->n_fields = FMU_COILS, of->on_path = 1;
+#if FMU_IRON
+    of->iron = &m->state, of->n_fields = m->map.n_fields;
+#endif
+    coils->n = FMU_COILS, coils->fields = of->n_fields, coils->largest = FMU_LARGEST, coils->coils = drives;
+    coils->inductance = linkage.inductance, coils->constant = linkage.constant;
+    m->machine.n_coils = FMU_COILS, m->machine.electrical = coils;
+    machine_of(m);
+    asked = caller_of(m);
+    size = fieldmap_electrical_room(FMU_COILS, of->n_fields);
+    m->run_size = size + (size_t)of->n_fields;
+    m->run = (double *)calloc(m->run_size, sizeof(double));
+    m->room = (double *)calloc(6 + 6 * FMU_COILS + fieldmap_caller_room(&asked), sizeof(double));
+    if (m->run == NULL || m->room == NULL) return FIELDMAP_NO_MEMORY;
+    m->machine.weights = m->run + size;
+    return FIELDMAP_OK;
+}
+
+/* A status, or that currents lie beyond the domain of iron that refuses these. */
+static int within_domain(const model *m, int status, int within)
+{
+#if FMU_IRON
+    if (status == FIELDMAP_OK && m->map.checked && !within) return FIELDMAP_IRON_BEYOND;
+#endif
+    (void)m, (void)within;
+    return status;
+}
+
+/* Unless the coils run, their linkages become those of the currents and the pose that are set. */
+static int follow(model *m, int step)
+{
+    fieldmap_machine *machine = machine_of(m);
+    const int64_t outside = machine->superposition.outside, unsolved = machine->superposition.unsolved;
+    fieldmap_state state;
+    int status;
+    (void)step;
+    if (m->running) return FIELDMAP_OK;
+    recall_iron(m);
+#if FMU_IRON
+    m->state.checked = 0;
+#endif
+    memset(m->run, 0, m->run_size * sizeof(double));
+    fieldmap_electrical_start(&m->coils, m->run);
+    state_of(m, &state);
+    status = fieldmap_coupled_begin(machine, &state, m->values + CURRENTS);
+    if (status == FIELDMAP_OK && machine->superposition.unsolved != unsolved) status = FIELDMAP_IRON_NOT_CONVERGED;
+    return within_domain(m, status, machine->superposition.outside == outside);
+}
+
+/* Linkages, and voltages that the motion induces: d(force)/d(current) along it. Asking leaves no trace in the iron. */
+static int linkages_and_voltages(model *m, const fieldmap_state *state, const double *r)
+{
+    double twist[6], *v = m->values, *slopes = m->room + 6;
+    const fieldmap_caller of = caller_of(m);
+    int i, k, status = fieldmap_caller_wrench(&of, v + CURRENTS, state->position, r, slopes + 6 * FMU_COILS, m->room, slopes);
+    for (i = 0; i < 3; i++) twist[i] = state->velocity[i];
+    fieldmap_to_map(r, state->angular_velocity, twist + 3);
+    for (k = 0; k < FMU_COILS; k++) {
+        v[LINKAGES + k] = m->coils.linkage[k], v[EMF + k] = 0.0;
+        for (i = 0; i < 6; i++) v[EMF + k] += slopes[i * FMU_COILS + k] * twist[i];
+    }
+    if (m->running) recall_iron(m);
+    return status;
+}
+
+/* Steps of the machine; the status of the map. */
+static int run(model *m, double h, long steps)
+{
+    double *v = m->values, load[6];
+    fieldmap_machine *machine;
+    fieldmap_state state;
+    int64_t unsolved;
+    long n;
+    int held, touched, within = 1, status = follow(m, 1);
+    if (status != FIELDMAP_OK) return status;
+    m->running = 1;
+    machine = machine_of(m);
+    unsolved = machine->superposition.unsolved;
+    state_of(m, &state);
+    status = fieldmap_load(&machine->field, &machine->body, &state, load, &touched);
+    for (n = 0; n < steps && status == FIELDMAP_OK; n++) {
+        status = fieldmap_coupled_step(machine, h, v + ASKED, &state, v + CURRENTS, load, &held, &within, &touched);
+        if (status == FIELDMAP_OK && machine->superposition.unsolved != unsolved) status = FIELDMAP_IRON_NOT_CONVERGED;
+        status = within_domain(m, status, within);
+        if (status != FIELDMAP_OK) break;
+        if (FMU_BODY) memcpy(v + POSITION, &state, sizeof state);
+        v[TIME] += h;
+    }
+    if (n > 0) fieldmap_warm(&m->coils, (double)n * h);
+    keep_iron(m);
+    return status;
+}
+
+#endif
+
 /* Field at the magnet's centre, force and torque about the body's, and the derivatives of the state. */
 static int outputs(model *m)
 {
@@ -182,6 +361,9 @@ static int outputs(model *m)
     status = fieldmap_field(field.map, field.weights, place, v + FIELD, v + GRADIENT);
     if (status == FIELDMAP_OK)
         status = fieldmap_body_wrench(&field, &body.magnetic, state.position, r, v + FORCE, NULL);
+#if FMU_DRIVEN
+    if (status == FIELDMAP_OK) status = linkages_and_voltages(m, &state, r);
+#endif
     if (status != FIELDMAP_OK || !FMU_BODY) return status;
     status = fieldmap_rates(&field, &body, &state, &rates);
     /* That of a quaternion of any length is in proportion to it. */
@@ -200,6 +382,7 @@ static int refresh(model *m)
     status = outputs(m);
     if (status != FIELDMAP_OK) {
         for (i = FIELD; i < CURRENTS; i++) v[i] = (double)NAN;
+        for (i = LINKAGES; i < VALUES; i++) v[i] = (double)NAN;
         for (i = 0; i < 13; i++) v[DERIVATIVES + i] = (double)NAN;
         m->say(m, DISCARD, message(status));
     }
@@ -216,25 +399,19 @@ static int remember(model *m)
     return DISCARD;
 }
 
-/* A step of the iron to the inputs, which do not change meanwhile; then steps of the body of fourth order and equal length, no
- * longer than values[STEP]. */
-static int advance(model *m, double duration)
+#if !FMU_DRIVEN
+/* A step of the iron to the inputs, which do not change meanwhile; then steps of the body of fourth order; the status of the
+ * map. */
+static int run(model *m, double h, long steps)
 {
     fieldmap_dipole magnet[FMU_DIPOLES];
     fieldmap_rigid_body body;
     fieldmap_path field;
     fieldmap_state state;
-    double load[6], h;
-    long n, steps;
-    int status, touched;
-    if (!(duration >= 0.0)) return ERROR;
-    if (!FMU_BODY) return remember(m); /* outputs follow inputs at once */
-    if (!(m->values[STEP] > 0.0)) return ERROR;
-    if (!(duration / m->values[STEP] <= MOST_STEPS)) return ERROR; /* of one call; NaN and infinity are more, too */
-    steps = (long)ceil(duration / m->values[STEP] * (1.0 - 1e-9));
-    h = steps > 0 ? duration / (double)steps : 0.0;
-    status = remember(m);
-    if (status != OK) return status;
+    double load[6];
+    long n;
+    int touched, status = follow(m, 1);
+    if (status != FIELDMAP_OK) return status;
     state_of(m, &state);
     body_of(m, magnet, &body, &field);
     status = fieldmap_load(&field, &body, &state, load, &touched);
@@ -244,6 +421,22 @@ static int advance(model *m, double duration)
         memcpy(m->values + POSITION, &state, sizeof state);
         m->values[TIME] += h;
     }
+    return status;
+}
+#endif
+
+/* Steps of equal length, no longer than values[STEP]. */
+static int advance(model *m, double duration)
+{
+    long steps;
+    int status;
+    if (!(duration >= 0.0)) return ERROR;
+    if (!FMU_BODY && !FMU_DRIVEN) return remember(m); /* outputs follow inputs at once */
+    if (!(m->values[STEP] > 0.0)) return ERROR;
+    if (!(duration / m->values[STEP] <= MOST_STEPS)) return ERROR; /* of one call; NaN and infinity are more, too */
+    steps = (long)ceil(duration / m->values[STEP] * (1.0 - 1e-9));
+    status = run(m, steps > 0 ? duration / (double)steps : 0.0, steps);
+    m->stale = 1;
     if (status == FIELDMAP_OK) return OK;
     m->say(m, DISCARD, message(status));
     return DISCARD;
@@ -255,6 +448,7 @@ static void reset(model *m)
     memset(m->values, 0, sizeof m->values);
     for (i = 0; i < VALUES; i++) m->values[i] = starts[i];
     begin(m);
+    m->running = 0;
     m->stale = 1;
 }
 
@@ -264,7 +458,7 @@ static int get(model *m, const unsigned *references, size_t count, double *out)
     int status = OK;
     for (k = 0; k < count; k++) {
         unsigned at = references[k];
-        int computed = (at >= FIELD && at < CURRENTS) || (FMU_BODY && at >= DERIVATIVES && at < PUSH);
+        int computed = (at >= FIELD && at < CURRENTS) || at >= LINKAGES || (FMU_BODY && at >= DERIVATIVES && at < PUSH);
         if (at >= VALUES) return ERROR;
         if (computed && refresh(m) > status) status = m->status;
         out[k] = m->values[at];
@@ -277,9 +471,10 @@ static int set(model *m, const unsigned *references, size_t count, const double 
     size_t k;
     for (k = 0; k < count; k++) {
         unsigned at = references[k];
-        int computed = at == TIME || (at >= DERIVATIVES && at < PUSH) || (at >= FIELD && at < CURRENTS);
+        int computed = at == TIME || (at >= DERIVATIVES && at < PUSH) || (at >= FIELD && at < CURRENTS) || at >= LINKAGES;
         if (at >= VALUES || computed) return ERROR;
         m->values[at] = values[k];
+        if ((at >= CURRENTS && at < ASKED) || (FMU_BODY && at >= POSITION && at < DERIVATIVES)) m->running = 0;
     }
     m->stale = 1;
     return OK;
@@ -321,6 +516,9 @@ static int open_map(model *m, const char *folder)
         close_map(m);
         status = FIELDMAP_DAMAGED;
     }
+#if FMU_DRIVEN
+    if (status == FIELDMAP_OK) status = give_drives(m);
+#endif
     free(path);
     return status;
 }
@@ -352,6 +550,8 @@ static void destroy(model *m)
 {
     if (m != NULL) {
         close_map(m);
+        free(m->run);
+        free(m->room);
         free(m);
     }
 }
@@ -387,21 +587,35 @@ static int get_nominals(double *out, size_t count)
     return OK;
 }
 
-/* A copy of all values and of what the iron remembers, kept by the importer. */
+/* A copy of all values, of what the iron remembers and of the run of the coils, kept by the importer. */
 static int keep(const model *m, void **kept)
 {
-    if (*kept == NULL) *kept = malloc(sizeof m->values + remembered(m) * sizeof(double));
+    double *out;
+    size_t i;
+    if (*kept == NULL) *kept = malloc(sizeof m->values + (remembered(m) + m->run_size + 1) * sizeof(double));
     if (*kept == NULL) return ERROR;
     memcpy(*kept, m->values, sizeof m->values);
     store(m, (double *)*kept + VALUES + 1);
+    out = (double *)*kept + VALUES + 1 + remembered(m);
+    for (i = 0; i < m->run_size; i++) out[i] = m->run[i];
+    out[m->run_size] = m->running;
     return OK;
 }
 
 static int restore(model *m, const void *kept)
 {
+    const double *in;
+    size_t i;
     if (kept == NULL) return ERROR;
     memcpy(m->values, kept, sizeof m->values);
     recall(m, (const double *)kept + VALUES + 1);
+    in = (const double *)kept + VALUES + 1 + remembered(m);
+    for (i = 0; i < m->run_size; i++) m->run[i] = in[i];
+    m->running = in[m->run_size] != 0.0;
+#if FMU_DRIVEN
+    m->coils.step = 0.0, m->coils.known = m->running;
+    if (m->running) recall_iron(m);
+#endif
     m->stale = 1;
     return OK;
 }

@@ -27,7 +27,7 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fieldmap.arguments import check_choice, check_signal
+from fieldmap.arguments import check, check_choice, check_signal
 from fieldmap.core.headers import in_one
 from fieldmap.errors import FieldmapError, InputError
 from fieldmap.interop.c_map import c_identifier, write_c_iron_map, write_c_map
@@ -36,7 +36,7 @@ from fieldmap.store.whole_files import write_whole
 from fieldmap.typing import Array, PathLike
 
 if TYPE_CHECKING:
-    from fieldmap.dynamics import RigidBody
+    from fieldmap.dynamics import CoilDrive, RigidBody
 
 # Positions in the array of values; fmu.c has the same.
 _POSITION, _VELOCITY, _TURN, _ANGULAR, _DERIVATIVES, _PUSH, _TWIST = 1, 4, 7, 11, 14, 27, 30
@@ -57,6 +57,8 @@ _UNITS = {
     "rad/s": {"s": -1, "rad": 1},
     "rad/s2": {"s": -2, "rad": 1},
     "1/s": {"s": -1},
+    "V": {"kg": 1, "m": 2, "s": -3, "A": -1},
+    "Wb": {"kg": 1, "m": 2, "s": -2, "A": -1},
     "N": {"kg": 1, "m": 1, "s": -2},
     "N.m": {"kg": 1, "m": 2, "s": -2},
     "T": {"kg": 1, "s": -2, "A": -1},
@@ -89,6 +91,7 @@ def write_fmu(
     magnet: MagneticBody | ArrayLike = (0.0, 0.0, 1.0),
     body: RigidBody | None = None,
     *,
+    drive: CoilDrive | None = None,
     version: int = 2,
     binary: bool = True,
 ) -> Path:
@@ -100,6 +103,11 @@ def write_fmu(
     drag, no walls. Iron with hysteresis begins with the memory of the map, and remembers the currents of every
     step.
 
+    With a drive other than "ideal" the flux linkages of the map couple the coils with each other and with the magnet
+    (docs/theory/electrical.md). Inputs are then voltages, V, or the currents that a controller is asked for; currents,
+    linkages and the voltages that the magnet induces are outputs. A unit without a body takes velocities beside the
+    pose. Such a unit is for co-simulation alone.
+
     Parameters
     ----------
     field
@@ -110,6 +118,9 @@ def write_fmu(
         A moment (3,), A m^2, or dipoles, in the frame of the pose.
     body
         A rigid body with its own magnet in the place of that.
+    drive
+        What drives the coils; a source of current unless given. Of the amplifier only limits of the current count:
+        inputs are what it puts on a coil. A bandwidth is met at the inductances of the first currents.
     version
         Of FMI, 2 or 3.
     binary
@@ -124,7 +135,8 @@ def write_fmu(
     Raises
     ------
     InputError
-        For a Hermite form and for soft iron.
+        For a Hermite form and for soft iron; with a drive, for a map at fixed currents, without linkages or of
+        another number of coils.
     FieldmapError
         Where no C compiler is found (CC, cc, gcc or clang).
 
@@ -136,7 +148,10 @@ def write_fmu(
     target, carried = Path(path), _dipoles(magnet if body is None else body.magnet)
     seat = np.zeros(3) if body is None else body.magnet_at
     coils = field.coil_names if isinstance(field, FieldMap) else ()
-    variables = _variables(coils, _first_currents(field), (np.asarray(field.lower) + field.upper) / 2, body)
+    rows = None if drive is None or not drive.coupled else _coils_of(field, drive)
+    asked = None if rows is None or drive is None else "voltage" if drive.gives_voltage else "reference"
+    middle = (np.asarray(field.lower) + field.upper) / 2
+    variables = _variables(coils, _first_currents(field), middle, body, asked)
     identifier = c_identifier(target.stem, "fmu")
     with tempfile.TemporaryDirectory() as folder:
         work = Path(folder)
@@ -146,15 +161,17 @@ def write_fmu(
             headers, iron = [*headers, "fieldmap_iron.h"], True
         else:
             write_c_map(field, flat)
+        headers += ["caller.h", "machine.h"] if asked else []
         shutil.copy(Path(__file__).with_name("fmu.c"), work)
         for name in headers:
             (work / name).write_text(in_one(name), encoding="utf-8")
         numbers = _numbers_header(version, len(coils), iron, carried, seat, body, variables)
+        numbers += _drives_header(field, rows)
         # The same map and magnet have the same token.
         token = str(uuid.uuid5(uuid.NAMESPACE_URL, numbers + sha256(flat.read_bytes()).hexdigest()))
         (work / "fmu_model.h").write_text(numbers.replace("@TOKEN@", token), encoding="utf-8")
         files = {
-            "modelDescription.xml": _document(_description(version, identifier, token, variables)),
+            "modelDescription.xml": _document(_description(version, identifier, token, variables, not asked)),
             "resources/map.fmap": flat.read_bytes(),
         }
         if binary:
@@ -177,6 +194,16 @@ def _dipoles(magnet: MagneticBody | ArrayLike) -> MagneticBody:
     return MagneticBody.dipole(np.ravel(check_signal("write_fmu(magnet)", magnet, columns=3)))
 
 
+def _coils_of(field: FieldMap | MapAtCurrents, drive: CoilDrive) -> Array:
+    """Coils with their drives (n, 15), as the C core takes them. Raises InputError where they do not fit the map."""
+    count = len(field.coil_names) if isinstance(field, FieldMap) else 0
+    must_hold, remedy = "must have the coils of the map", "give resistances of these, and no fixed currents"
+    good = isinstance(field, FieldMap) and drive.coils == count
+    check(good, "write_fmu(drive)", must_hold, f"{drive.coils} coils, of {count} in the map", remedy)
+    assert isinstance(field, FieldMap)
+    return drive.coil_numbers(field.inductance(_first_currents(field)))
+
+
 def _first_currents(field: FieldMap | MapAtCurrents) -> Array:
     """Start values (c,) of the currents, A, which lie in the domain of saturating iron."""
     if not isinstance(field, FieldMap):
@@ -187,8 +214,9 @@ def _first_currents(field: FieldMap | MapAtCurrents) -> Array:
 
 
 def _variables(
-    coils: Sequence[str], currents: Array, middle: Array, body: RigidBody | None
+    coils: Sequence[str], currents: Array, middle: Array, body: RigidBody | None, asked: str | None
 ) -> list[_Variable]:
+    """asked: what drives take, "voltage" or "reference"; None of sources of current."""
     found: list[_Variable] = []
 
     def add(
@@ -203,21 +231,30 @@ def _variables(
     pose, at = ("input", "at the place") if body is None else ("output", "at the magnet's centre")
     add(0, "time", "independent", "s", "time", parts=one)
     for k, name in enumerate(coils):
-        add(_CURRENTS + k, "current", "input", "A", f"current of coil {name}", currents[k], (str(k + 1),))
+        of, number, kind = f"of coil {name}", (str(k + 1),), "output" if asked else "input"
+        add(_CURRENTS + k, "current", kind, "A", f"current {of}", currents[k], number)
+        if asked:
+            first, size = (0.0, "V") if asked == "voltage" else (currents[k], "A")
+            add(_CURRENTS + len(coils) + k, asked, "input", size, f"asked for, {of}", first, number)
+            add(_CURRENTS + 2 * len(coils) + k, "flux_linkage", "output", "Wb", of, parts=number)
+            induced = f"that the magnet's motion induces {of}"
+            add(_CURRENTS + 3 * len(coils) + k, "emf", "output", "V", induced, parts=number)
     add(_POSITION, "position", pose, "m", "place of the body's centre, frame of the map", middle)
     add(_TURN, "quaternion", pose, "1", "from the body to the map", (1.0, 0.0, 0.0, 0.0), "wxyz")
+    zero = np.zeros(3)
+    if body is not None or asked:
+        add(_VELOCITY, "velocity", pose, "m/s", "of the body's centre", zero)
+        add(_ANGULAR, "angular_velocity", pose, "rad/s", "in the frame of the body", zero)
+        about = "longest step of the integrator inside, co-simulation only"
+        add(_STEP, "step", "parameter", "s", about, _LARGEST_STEP, one)
     if body is not None:
-        zero = np.zeros(3)
-        add(_VELOCITY, "velocity", "output", "m/s", "of the body's centre", zero)
-        add(_ANGULAR, "angular_velocity", "output", "rad/s", "in the frame of the body", zero)
         add(_PUSH, "push", "input", "N", "force that disturbs, frame of the map", zero)
         add(_TWIST, "twist", "input", "N.m", "torque that disturbs, frame of the map", zero)
         add(_MASS, "mass", "parameter", "kg", "of the body", body.mass, one)
         # Of an upright body what the simulator takes for it.
         add(_INERTIA, "inertia", "parameter", "kg.m2", "principal moments", body.numbers().inertia)
         add(_GRAVITY, "gravity", "parameter", "m/s2", "downward", body.gravity, one)
-        about = "longest step of the integrator inside, co-simulation only"
-        add(_STEP, "step", "parameter", "s", about, _LARGEST_STEP, one)
+    if body is not None and not asked:
         names = {each.reference: each.name for each in found}
         for k, unit in enumerate(["m/s"] * 3 + ["m/s2"] * 3 + ["1/s"] * 4 + ["rad/s2"] * 3):
             state = _POSITION + k
@@ -242,7 +279,7 @@ def _numbers_header(
     variables: list[_Variable],
 ) -> str:
     """fmu_model.h: what fmu.c is compiled with; @TOKEN@ stands for the token."""
-    starts = np.zeros(_CURRENTS + coils)
+    starts = np.zeros(1 + max(each.reference for each in variables))
     for each in variables:
         if each.start is not None:
             starts[each.reference] = each.start
@@ -262,8 +299,19 @@ def _numbers_header(
     return "".join(f"#define {name} {value}\n" for name, value in lines.items())
 
 
+def _drives_header(field: FieldMap | MapAtCurrents, rows: Array | None) -> str:
+    """More of fmu_model.h: the coils with their drives; largest current of the iron's domain, A."""
+    if rows is None:
+        return "#define FMU_DRIVEN 0\n"
+    reduced = field.info.reduced_model if isinstance(field, FieldMap) else None
+    largest = 0.0 if reduced is None else float(np.max(reduced.domain.largest))
+    coils = ", ".join(map(_braces, rows))
+    return f"#define FMU_DRIVEN 1\n#define FMU_DRIVES {{{coils}}}\n#define FMU_LARGEST {largest!r}\n"
+
+
 def _braces(numbers: Array) -> str:
-    return "{" + ", ".join(repr(float(x)) for x in numbers) + "}"
+    finite = np.clip(numbers, -np.finfo(float).max, np.finfo(float).max)
+    return "{" + ", ".join(repr(float(x)) for x in finite) + "}"
 
 
 def _compiled(folder: Path, identifier: str) -> Path:
@@ -320,7 +368,9 @@ def _build_description(identifier: str) -> Element:
     return _element("fmiBuildDescription", build, fmiVersion="3.0")
 
 
-def _description(version: int, identifier: str, token: str, variables: list[_Variable]) -> Element:
+def _description(
+    version: int, identifier: str, token: str, variables: list[_Variable], exchange: bool
+) -> Element:
     """modelDescription.xml."""
     sources = [_element("SourceFiles", _element("File", name="fmu.c"))] if version == 2 else []
     keeps = {"canGetAndSetFMUstate" if version == 2 else "canGetAndSetFMUState": "true"}
@@ -339,8 +389,8 @@ def _description(version: int, identifier: str, token: str, variables: list[_Var
     steps = {"canHandleVariableCommunicationStepSize": "true"}
     return _element(
         "fmiModelDescription",
-        _element("ModelExchange", *sources, **named, **keeps),
-        _element("CoSimulation", *copy.deepcopy(sources), **named, **steps, **keeps),
+        *([_element("ModelExchange", *copy.deepcopy(sources), **named, **keeps)] if exchange else []),
+        _element("CoSimulation", *sources, **named, **steps, **keeps),
         _element("UnitDefinitions", *units),
         _element("DefaultExperiment", startTime="0", stopTime="1", stepSize="0.001"),
         _element("ModelVariables", *(_described(version, each, numbers) for each in variables)),

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from functools import partial
 from importlib import import_module
 from typing import Any
 
@@ -19,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from fieldmap import dynamics
 from fieldmap.arguments import check, check_choice, check_not_negative, check_positive, check_signal
-from fieldmap.core.machine import INSIDE, CoreMachine
+from fieldmap.core.machine import INSIDE
 from fieldmap.currents import IndependentCurrents
 from fieldmap.dynamics import CoilDrive, Drag, RigidBody, WeightBalance, linearised
 from fieldmap.errors import InputError, OutsideMapError
@@ -83,9 +84,10 @@ class LevitationEnv(Env):
     "table" of it over a division, or "linearised" about the currents at rest, right near them only. span: unless given,
     the largest current at rest, 1 of the ranges, or 0.5 of the weight. period, step: s, as of
     `fieldmap.dynamics.Schedule`. noise: standard deviations (3,), m. drive: of the coils; currents follow at once
-    unless given. drag: none unless given, a little air in the made-up rig. Raises FieldmapError without Gymnasium,
-    InputError for arguments that do not fit, Infeasible where currents within the limits of the drive do not carry the
-    body.
+    unless given. With a "current_controller" the coils are coupled by the flux linkages of the map, and currents of the
+    action are what the controller is asked for. drag: none unless given, a little air in the made-up rig. Raises
+    FieldmapError without Gymnasium, InputError for arguments that do not fit, Infeasible where currents within the
+    limits of the drive do not carry the body.
 
     >>> env = gymnasium.make("fieldmap/Levitation-v0", action="signals")                  # doctest: +SKIP
     """
@@ -128,10 +130,11 @@ class LevitationEnv(Env):
         self._start, self._tilt, self._limit = float(start), float(tilt), float(limit)
         n, place = len(field.coil_names), self.target + body.magnet_at
         drive = CoilDrive(Amplifier(1.0, -1e9, 1e9), n) if drive is None else drive
-        must = "must be ideal: the environment gives currents"
-        check(
-            not drive.coupled, "LevitationEnv(drive)", must, drive.mode, "use RunningMachine for other drives"
+        must, remedy = (
+            "must take currents, as the environment gives them",
+            "use RunningMachine for other drives",
         )
+        check(not drive.gives_voltage, "LevitationEnv(drive)", must, drive.mode, remedy)
         balance = WeightBalance(field, body, drive.steady)
         self.rest = balance.currents(place)
         self._known = linearised(field, self.rest) if iron == "linearised" else IRON[iron](field)
@@ -143,7 +146,16 @@ class LevitationEnv(Env):
             by_reach = balance.force_per_ampere(place, self.rest) @ slopes @ reach
             self._from_action = share * balance.weight * (reach @ np.linalg.pinv(by_reach))
         self._limits = drive.steady
-        self._parts = body.numbers(drag), body.seen_at, drive.numbers(self._step), drive.drives
+        # Checks that a map has the linkages that couple coils, which its plant then needs.
+        machine = dynamics.Machine(
+            self._known,
+            body,
+            drive,
+            dynamics.Sensors(),
+            dynamics.MatrixAllocation(np.eye(n), np.zeros(n)),
+            drag,
+        )
+        self._core = partial(machine.core, self._step)
         self._begin()
         self._state, self._currents, self._load = np.empty(13), np.empty(n), np.empty(6)
         self.action_space = _gymnasium.spaces.Box(-1.0, 1.0, (self._from_action.shape[1],), np.float64)
@@ -220,7 +232,7 @@ class LevitationEnv(Env):
 
     def _begin(self) -> None:
         """A model of the iron that remembers nothing: equal seeds give equal episodes."""
-        self._machine = CoreMachine(self._known.plant(*self._parts))
+        self._machine = self._core()
         self._counted = self._machine.solves
 
     def _solves(self) -> dict[str, int]:

@@ -25,7 +25,7 @@ from fieldmap.lookup.iron_response import (
     unit_block,
 )
 from fieldmap.lookup.magnetic_body import MagneticBody
-from fieldmap.lookup.payload import compiled_wrench, magnetic_body
+from fieldmap.lookup.payload import compiled_linkages, compiled_wrench, magnetic_body
 from fieldmap.lookup.several_bodies import SeveralForces, currents_for_several
 from fieldmap.lookup.soft_body import (
     SoftPiece,
@@ -49,6 +49,7 @@ __all__ = [
     "back_emf",
     "capability",
     "compiled_currents",
+    "compiled_linkages",
     "compiled_wrench",
     "core_map",
     "currents_for",

@@ -23,6 +23,7 @@ _WORDS, _NUMBERS, _POINT = types.CPointer(types.int64), types.CPointer(types.flo
 _call_field: Any = types.ExternalFunction("fieldmap_call_field", _NUMBERS(_WORDS, *_POINT))
 _call_field_of: Any = types.ExternalFunction("fieldmap_call_field_of", _NUMBERS(_WORDS, _NUMBERS, *_POINT))
 _call_wrench: Any = types.ExternalFunction("fieldmap_call_wrench", types.intc(_WORDS, _NUMBERS))
+_call_linkages: Any = types.ExternalFunction("fieldmap_call_linkages", types.intc(_WORDS, _NUMBERS))
 _WRONG_COUNT = "one current for each coil of the map is needed"
 
 
@@ -48,20 +49,43 @@ def at_currents(data, currents, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def wrench_at(data, currents, place, turn, wrench, slopes):  # type: ignore[no-untyped-def]
-    """Fill wrench (6,) and slopes (6, n_coils): see `fieldmap.lookup.compiled_wrench`. Raises ValueError for another
-    number of currents."""
-    coils = data[COILS]
-    if currents.size != coils or slopes.shape[1] != coils:
-        raise ValueError(_WRONG_COUNT)
-    # One behind the other, however the arrays lie.
-    numbers = np.empty(data[ROOM])
+def _asked(data, currents, place, turn):  # type: ignore[no-untyped-def]
+    """The numbers with which a wrench or linkages are asked, one behind the other, however the arrays lie."""
+    coils, numbers = currents.size, np.empty(data[ROOM])
     for k in range(coils):
         numbers[k] = currents[k]
     for i in range(3):
         numbers[coils + i] = place[i]
         for j in range(3):
             numbers[coils + 3 + 3 * i + j] = turn[i, j]
+    return numbers
+
+
+@numba.njit(cache=True, nogil=True)
+def linkages_at(data, currents, place, turn, linkages, inductance):  # type: ignore[no-untyped-def]
+    """Fill linkages (n_coils,) and inductance (n_coils, n_coils): see `fieldmap.lookup.compiled_linkages`. Raises
+    ValueError for another number of currents."""
+    coils = data[COILS]
+    if currents.size != coils or linkages.size != coils or inductance.shape != (coils, coils):
+        raise ValueError(_WRONG_COUNT)
+    numbers = _asked(data, currents, place, turn)
+    status = _call_linkages(data.ctypes, numbers.ctypes)
+    found = coils + 12
+    for k in range(coils):
+        linkages[k] = numbers[found + k]
+        for j in range(coils):
+            inductance[k, j] = numbers[found + coils + k * coils + j]
+    return status == 0
+
+
+@numba.njit(cache=True, nogil=True)
+def wrench_at(data, currents, place, turn, wrench, slopes):  # type: ignore[no-untyped-def]
+    """Fill wrench (6,) and slopes (6, n_coils): see `fieldmap.lookup.compiled_wrench`. Raises ValueError for another
+    number of currents."""
+    coils = data[COILS]
+    if currents.size != coils or slopes.shape[1] != coils:
+        raise ValueError(_WRONG_COUNT)
+    numbers = _asked(data, currents, place, turn)
     status = _call_wrench(data.ctypes, numbers.ctypes)
     found = coils + 12
     for i in range(6):

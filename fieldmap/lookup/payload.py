@@ -149,14 +149,58 @@ def compiled_wrench(field_map: FieldMap, body: MagneticBody) -> tuple[Any, Any]:
     --------
     >>> function, data = compiled_wrench(m, magnetic_body(device.payload))                       # doctest: +SKIP
     """
-    if field_map.current_table is not None:
-        must_hold, remedy = "a map without a table of currents", "open it with tabulate_currents=False"
-        raise InputError.of("compiled_wrench, field_map", must_hold, "one with a table", remedy)
+    _require_no_table(field_map, "compiled_wrench")
     words = caller(field_map._evaluator.core(), field_map._weights_of_callers(), body.core)
     # Only who compiles functions of their own needs numba.
     from fieldmap.lookup.compiled import wrench_at
 
     return wrench_at, words
+
+
+def compiled_linkages(field_map: FieldMap, body: MagneticBody | None = None) -> tuple[Any, Any]:
+    """Flux linkages of the coils and their incremental inductances, for your own numba functions.
+
+    known = function(data, currents, place, turn, linkages, inductance) with float64 arrays as for `compiled_wrench`. It
+    fills linkages (n_coils,), Wb, as `FieldMap.flux_linkage`, and inductance (n_coils, n_coils), H, as
+    `FieldMap.inductance`. It is False, and they are NaN, where the body leaves the box or the iron has no solution. The
+    voltages that a moving body induces are slopes.T @ (velocity, angular velocity), with the slopes of
+    `compiled_wrench`.
+
+    Parameters
+    ----------
+    field_map
+        Opened map with the flux linkages of its coils.
+    body
+        A payload that adds its own. Without one the function reads no place and no turn.
+
+    Returns
+    -------
+    tuple[Any, Any]
+        (function, data), as those of `compiled_wrench`.
+
+    Raises
+    ------
+    InputError
+        For a map without linkages, and for one with a table of currents.
+
+    Examples
+    --------
+    >>> function, data = compiled_linkages(m, magnetic_body(device.payload))                     # doctest: +SKIP
+    """
+    _require_no_table(field_map, "compiled_linkages")
+    of_body = None if body is None else body.core
+    words = caller(
+        field_map._evaluator.core(), field_map._weights_of_callers(), of_body, field_map._linkages()
+    )
+    from fieldmap.lookup.compiled import linkages_at
+
+    return linkages_at, words
+
+
+def _require_no_table(field_map: FieldMap, where: str) -> None:
+    if field_map.current_table is not None:
+        must_hold, remedy = "a map without a table of currents", "open it with tabulate_currents=False"
+        raise InputError.of(f"{where}, field_map", must_hold, "one with a table", remedy)
 
 
 def _as_measured(magnet: FiniteMagnet, moment: float) -> FiniteMagnet:

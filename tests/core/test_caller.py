@@ -28,7 +28,9 @@ _NUMBERS, _REAL = ctypes.POINTER(ctypes.c_double), ctypes.c_double
 _KINDS = {
     "call_field": ctypes.CFUNCTYPE(_NUMBERS, ctypes.c_void_p, _REAL, _REAL, _REAL),
     "call_field_of": ctypes.CFUNCTYPE(_NUMBERS, ctypes.c_void_p, ctypes.c_void_p, _REAL, _REAL, _REAL),
-    "call_wrench": ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p),
+    **dict.fromkeys(
+        ("call_wrench", "call_linkages"), ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+    ),
 }
 
 

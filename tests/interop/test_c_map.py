@@ -187,7 +187,8 @@ def test_broken_files_are_refused_with_their_reason(programs, data, tmp_path):
         good[:8] + good[8:12][::-1] + good[12:]: 7,
         good[:12] + (2).to_bytes(4, "little") + good[16:]: 8,
         good[:12] + (3).to_bytes(4, "little") + good[16:]: 8,
-        good[:12] + (4).to_bytes(4, "little") + good[16:]: 6,
+        good[:12] + (4).to_bytes(4, "little") + good[16:]: 8,
+        good[:12] + (5).to_bytes(4, "little") + good[16:]: 6,
     }
     for content, code in cases.items():
         (tmp_path / "case").write_bytes(content)

@@ -2,6 +2,7 @@
 
 import itertools
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,13 +11,13 @@ from scipy.spatial.transform import Rotation
 from fieldmap import dynamics
 from fieldmap.core.iron import IronState
 from fieldmap.device import read_device
-from fieldmap.dynamics import CoilDrive, Drag, RigidBody, Schedule, move
+from fieldmap.dynamics import CoilDrive, CurrentController, Drag, RigidBody, Schedule, move
 from fieldmap.errors import Infeasible, InputError, OutsideMapError
 from fieldmap.instruments import Amplifier, Converter
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import FiniteMagnet, interpolate
 from fieldmap.sources import CoilSet
-from fieldmap.store import Grid, MapData, write_map
+from fieldmap.store import Grid, MapData, StoredLinkage, write_map
 
 gymnasium = pytest.importorskip("gymnasium", reason='no Gymnasium (pip install "fieldmap[gymnasium]")')
 from gymnasium.utils.env_checker import check_env  # noqa: E402
@@ -353,7 +354,39 @@ def test_a_bead_of_soft_iron_rests_and_answers_signals():
         LevitationEnv(field, body, target, drive=CoilDrive(Amplifier(1.0, -largest, largest), 5))
 
 
+@pytest.mark.parametrize("bandwidth", [50.0, 500.0])
+def test_coils_that_linkages_couple(ring, bandwidth):
+    """Beside the machine that is moved sample by sample; a slow controller is behind what it is asked for."""
+    body = RigidBody(0.01119, [6.8e-7, 7.1e-7, 1.9e-7], MAGNET)
+    linkage = StoredLinkage(0.01 * (np.eye(6) + 0.2), np.zeros(6))
+    field = interpolate(replace(ring.data, linkage=linkage))
+    of = {"mode": "current_controller", "controller": CurrentController(bandwidth=bandwidth)}
+    drive = CoilDrive(Amplifier(1.0, -1e9, 1e9), 6, resistance=2.0, supply=(-200.0, 200.0), **of)
+    env = LevitationEnv(field, body, (0.0, 0.0, -0.09), drive=drive, drag=Drag(), span=0.1, start=1e-4)
+    env.reset(seed=2)
+    begin, schedule = env.state, Schedule(np.zeros((5, 3)), env.period, 2e-4)
+    rig = dynamics.RunningMachine(machine_of(env, drive, "model"), schedule, begin, env.rest, None)
+    behind = []
+    for action in np.random.default_rng(1).uniform(-1, 1, (5, 6)):
+        env.step(action)
+        asked = env.rest + 0.1 * action
+        rig.step(asked)
+        np.testing.assert_allclose(env.currents, rig.currents, rtol=1e-12)
+        np.testing.assert_allclose(env.state, rig.state, rtol=0, atol=1e-13)
+        behind.append(np.abs(env.currents - asked).max())
+    # After a period of 2 ms: exp(-2 pi bandwidth period) of a jump.
+    share = np.exp(-2 * np.pi * bandwidth * env.period)
+    assert 0.1 * share < np.mean(behind) / 0.1 < 2.5 * share + 0.02
+    again = env.reset(seed=2)[0]
+    np.testing.assert_allclose(again[12:], env.rest)
+
+
 def test_what_does_not_fit(ring):
+    volts = CoilDrive(Amplifier(1.0), 6, resistance=2.0, mode="voltage")
+    without = {"mode": "current_controller", "controller": CurrentController(bandwidth=50.0)}
+    for drive in (volts, CoilDrive(Amplifier(1.0), 6, resistance=2.0, **without)):
+        with pytest.raises(InputError):
+            LevitationEnv(drive=drive)
     with pytest.raises(InputError):
         LevitationEnv(field=ring.map)
     with pytest.raises(InputError):

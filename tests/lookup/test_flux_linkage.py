@@ -15,10 +15,17 @@ from fieldmap.core.iron_numbers import core_numbers
 from fieldmap.device.air_sources import AirSource
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.iron import NonlinearSolver
-from fieldmap.lookup import MagneticBody, back_emf, interpolate, payload_linkage
+from fieldmap.lookup import (
+    MagneticBody,
+    back_emf,
+    compiled_linkages,
+    compiled_wrench,
+    interpolate,
+    payload_linkage,
+)
 from fieldmap.lookup.current_solver import compiled_model
 from fieldmap.lookup.soft_body import soft_rule
-from fieldmap.store import StoredLinkage, read_map, write_map
+from fieldmap.store import MapData, StoredLinkage, read_map, write_map
 from tests.core.iron_cases import CASES, KNOTS, MODES, POINTS, drawn, residual
 from tests.dynamics.conftest import saturating_data
 from tests.iron.shared import STEEL, core_and_coils
@@ -227,3 +234,49 @@ def test_coils_without_an_inductance_of_their_own_are_named(tmp_path):
 def test_damaged_linkages_are_refused(given):
     with pytest.raises(InputError):
         StoredLinkage(**given)
+
+
+SOFT = MagneticBody(
+    np.array([[3e-3, -1e-3, 2e-3]]), MOMENT[None], soft=(soft_piece(fm.SoftSphere(2e-3, mu_r=50.0)),)
+)
+TURN = np.array([[0.8, 0.6, 0.0], [0.0, 0.0, -1.0], [-0.6, 0.8, 0.0]])
+
+
+def linear_of(m, constant):
+    """The fields of a map, as those of linear iron, the last of them as one that no current drives."""
+    data = saturating_data(free=True)
+    fields = {name: getattr(data, name)[: 6 + constant] for name in ("flux_density", "gradient")}
+    sources = {"constant_field": True, "fixed_sources": ("background",)} if constant else {}
+    return interpolate(MapData(data.grid, data.coil_names, np.ones(6), **fields, **sources, linkage=AIR))
+
+
+@pytest.mark.parametrize("iron", ["saturating", "linear", "constant"])
+def test_compiled_linkages_are_those_of_the_map(m, iron):
+    """Of coils alone, and with a body of a magnet and soft iron; NaN where the field is not known."""
+    of = m if iron == "saturating" else linear_of(m, iron == "constant")
+    relative = 1e-4 if iron == "saturating" else 1e-12
+    linkages, inductance = np.empty(6), np.empty((6, 6))
+    wide = np.repeat(CURRENTS, 2)[::2]
+    for body in (None, SOFT):
+        evaluate, data = compiled_linkages(of, body)
+        assert evaluate(data, wide, PLACE, np.asfortranarray(TURN), linkages, inductance.T)
+        wanted = of.flux_linkage(CURRENTS, *(() if body is None else (PLACE, body, TURN)))
+        assert np.abs(linkages - wanted).max() < relative * np.abs(wanted).max()
+        assert np.abs(inductance - of.inductance(CURRENTS)).max() < relative * np.abs(inductance).max()
+    assert not evaluate(data, CURRENTS, PLACE + 1.0, TURN, linkages, inductance)
+    assert np.isnan(linkages).all()
+    assert np.isnan(inductance).all()
+    with pytest.raises(ValueError, match="one current for each coil"):
+        evaluate(data, CURRENTS[:5], PLACE, TURN, linkages, inductance)
+    # The voltages of a motion by the slopes of the wrench, as the docstring says.
+    velocity, spin = np.array([0.3, -0.1, 0.2]), np.array([1.0, 3.0, -2.0])
+    slopes, (evaluate, data) = np.empty((6, 6)), compiled_wrench(of, SOFT)
+    assert evaluate(data, CURRENTS, PLACE, TURN, np.empty(6), slopes)
+    wanted = of.back_emf(PLACE, CURRENTS, SOFT, velocity, spin, TURN)
+    found = slopes.T @ np.concatenate([velocity, spin])
+    assert np.abs(found - wanted).max() < max(relative, 1e-10) * np.abs(wanted).max()
+
+
+def test_compiled_linkages_need_those_of_the_map():
+    with pytest.raises(InputError):
+        compiled_linkages(interpolate(saturating_data(free=True)))

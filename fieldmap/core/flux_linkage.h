@@ -1,0 +1,48 @@
+/* flux_linkage.h: flux linkages and incremental inductances of coils at any currents, where iron saturates, too, and what a
+ * payload adds (docs/theory/flux_linkage.md).
+ *
+ * In double precision.
+ *
+ * BSD-3-Clause, the fieldmap developers.
+ */
+#ifndef FIELDMAP_FLUX_LINKAGE_H
+#define FIELDMAP_FLUX_LINKAGE_H
+
+#include "iron.h"
+#include "magnetic_body.h"
+
+/* linkages[n], Wb, and, unless NULL, inductance[n * n], H, of n coils and saturating iron at currents[n]; weights and slopes
+ * as of fieldmap_iron_slopes. */
+static inline int fieldmap_solve_linkages(fieldmap_iron_state *state, const fieldmap_linkage *of, const double *currents,
+                                          double *weights, double *slopes, double *linkages, double *inductance)
+{
+    const int n = of->coils, status = fieldmap_iron_linked_slopes(state, currents, weights, slopes, linkages, inductance);
+    int k, j;
+    if (status != FIELDMAP_OK) {
+        fieldmap_unknown(linkages, n);
+        if (inductance != NULL) fieldmap_unknown(inductance, n * n);
+        return status;
+    }
+    for (k = 0; k < n; k++) linkages[k] /= FIELDMAP_MU0;
+    fieldmap_add_linkages(of, currents, linkages);
+    for (k = 0; k < n && inductance != NULL; k++)
+        for (j = 0; j <= k; j++) {
+            const double both = 0.5 * (inductance[k * n + j] + inductance[j * n + k]) / FIELDMAP_MU0;
+            inductance[k * n + j] = inductance[j * n + k] = of->inductance[k * n + j] + both;
+        }
+    return status;
+}
+
+/* Add to linkages[coils] those of a payload from along[fields], its m . b in each field of the map. slopes: of the weights of
+ * saturating iron, or NULL. */
+static inline void fieldmap_add_payload_linkages(
+    int coils, int fields, const double *along, const double *slopes, double *linkages)
+{
+    int k, f;
+    for (k = 0; k < coils; k++) {
+        linkages[k] += along[k];
+        for (f = coils; f < fields && slopes != NULL; f++) linkages[k] += slopes[f * coils + k] * along[f];
+    }
+}
+
+#endif

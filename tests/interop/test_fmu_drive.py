@@ -1,0 +1,353 @@
+"""Units whose coils are driven by voltages, against the simulator and laws of the coils: by hand and by FMPy."""
+
+import ctypes
+import shutil
+import subprocess
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+
+from fieldmap.dynamics import (
+    CoilDrive,
+    CurrentController,
+    Heating,
+    Machine,
+    MatrixAllocation,
+    RigidBody,
+    Sensors,
+    modelled,
+    state_of,
+)
+from fieldmap.errors import InputError
+from fieldmap.instruments import Amplifier
+from fieldmap.interop import write_fmu
+from fieldmap.lookup import MagneticBody, interpolate
+from fieldmap.lookup.current_model import STEP_TOLERANCE
+from fieldmap.lookup.current_solver import COMPILED_TOLERANCE
+from fieldmap.store import StoredLinkage
+from tests.interop.conftest import STRICT
+from tests.interop.iron_maps import CELLS, KINDS, saturating_data
+from tests.interop.test_fmu import unpacked
+from tests.interop.test_fmu_iron import Unit
+
+pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
+PLACE, STEP, EACH = np.array([0.002, -0.001, -0.09]), 1e-4, 10
+MAGNET = MagneticBody(
+    np.array([[0.0, 0.0, 2e-3], [1e-3, 0.0, 0.0]]), np.array([[0.0, 0.1, 0.5], [0.2, 0.0, 0.3]])
+)
+BODY = RigidBody(0.01, np.array([6e-7, 7e-7, 2e-7]), MAGNET, magnet_at=np.array([1e-4, 0.0, 1e-3]))
+WIDE = Amplifier(1.0, current_lower=-1e9, current_upper=1e9)
+TURNING = state_of(PLACE, velocity=[0.02, -0.05, 0.3], angular_velocity=[2.0, -1.0, 3.0])
+KINDS_OF_IRON = {"linear": None, "saturating": {}, "remembering": {"cells": CELLS}}
+DRIVES = {
+    "voltage": {"supply": (-4.0, 4.0), "slope": 2e4},
+    "current_controller": {
+        "supply": (-4.0, 4.0),
+        "controller": CurrentController(proportional=20.0, integral=4e3),
+    },
+}
+HEATING = Heating(thermal_resistance=20.0, thermal_capacity=1e-3)
+
+
+def coils(n, mode="voltage"):
+    more = {"amplifier": WIDE, "heating": HEATING} | DRIVES[mode]
+    return CoilDrive(coils=n, resistance=2.0 + np.arange(n), mode=mode, **more)
+
+
+@pytest.fixture(scope="module")
+def maps(ring):
+    """By kind of iron; linkages of which every number is another one."""
+    drawn = np.random.default_rng(5).normal(size=(6, 6))
+    inductance = 1e-3 * (drawn @ drawn.T + 6.0 * np.eye(6))
+    found = {}
+    for name, more in KINDS_OF_IRON.items():
+        data = ring.data if more is None else saturating_data(ring, *KINDS["free"], **more)
+        if more is not None:
+            # Of a smaller core the state is the same, and linkages are those of coils of some 10 mH.
+            of = data.reduced_model
+            data = replace(data, reduced_model=replace(of, weights=1e-7 * of.weights, air=1e-7 * of.air))
+        n = len(data.coil_names)
+        linkage = StoredLinkage(inductance[:n, :n], 1e-4 * np.arange(1.0, n + 1.0))
+        found[name] = interpolate(replace(data, linkage=linkage))
+    return found
+
+
+class Written(dict):
+    """Units by kind of iron, drive, version of FMI and whether a body is inside."""
+
+    def __init__(self, maps, folder):
+        self.maps, self.folder = maps, folder
+
+    def __missing__(self, key):
+        iron, mode, version, inside = key
+        m, path = self.maps[iron], self.folder / f"{iron} {mode} {version} {inside}.fmu"
+        what = {"body": BODY} if inside else {"magnet": MAGNET}
+        self[key] = write_fmu(m, path, **what, drive=coils(len(m.coil_names), mode), version=version)
+        return self[key]
+
+
+@pytest.fixture(scope="module")
+def written(maps, tmp_path_factory):
+    return Written(maps, tmp_path_factory.mktemp("driven"))
+
+
+def asked(n, mode):
+    """What the drives are asked for (60, n): they jump, and some want more than the supply has."""
+    drawn = np.random.default_rng(8).uniform(-1.0, 1.0, (3, n))
+    return np.repeat(drawn * {"voltage": 2.5, "current_controller": 0.6}[mode], 20, axis=0)
+
+
+def simulated(m, body, state, rows, mode):
+    """By our own simulator: states (q, 13), currents and linkages (q, n) after each call of EACH steps."""
+    n = len(m.coil_names)
+    drive = coils(n, mode)
+    of = replace(modelled(m), tolerance=STEP_TOLERANCE if m.remembers else COMPILED_TOLERANCE)
+    machine = Machine(of, body, drive, Sensors(), MatrixAllocation(np.eye(n), np.zeros(n)))
+    core, load = machine.core(STEP), np.zeros(6)
+    state, currents = state.copy(), np.array(m.last_currents if m.remembers else np.zeros(n))
+    core.follow(currents)
+    core.load(state, load)
+    found = []
+    for row in rows:
+        assert core.advance(STEP, EACH, row, state, currents, load) == 0
+        found.append(np.concatenate([state, currents, core.coil_state.linkage]))
+    return np.array(found)
+
+
+NAMES = {"position_": "xyz", "velocity_": "xyz", "quaternion_": "wxyz", "angular_velocity_": "xyz"}
+
+
+def numbered(n):
+    return range(1, n + 1)
+
+
+def start(path, folder, state):
+    unit = Unit(path, folder)
+    begin = 0
+    for name, parts in NAMES.items():
+        unit.set(name, parts, state[begin : begin + len(parts)])
+        begin += len(parts)
+    unit.set("step", [""], [STEP])
+    return unit
+
+
+def along(unit, n, rows, kind, computed=("flux_linkage_",)):
+    """States, currents and computed outputs after a call of EACH steps at each of the rows."""
+    found = []
+    for row in rows:
+        unit.set(kind, numbered(n), row)
+        assert unit.step(EACH * STEP) == 0
+        states = [unit.get(name, parts) for name, parts in NAMES.items()]
+        others = [unit.get(name, numbered(n)) for name in ("current_", *computed)]
+        found.append(np.concatenate([*states, *others]))
+    return np.array(found)
+
+
+INPUTS = {"voltage": "voltage_", "current_controller": "reference_"}
+# What two compilers leave of the same steps, and of the solves of iron, each to 1e-4 of the state. Whether a cell at
+# the end of its play moves is rounding: a start that differs by 1e-14 makes such a difference in the simulator itself.
+BOUNDS = {"linear": 1e-10, "saturating": 1e-4, "remembering": 0.05}
+
+
+def agree(found, exact, relative):
+    """Of places, velocities, turns, spins, currents and linkages, each by its largest."""
+    n = (exact.shape[1] - 13) // 2
+    for part in np.split(np.arange(exact.shape[1]), [3, 6, 10, 13, 13 + n]):
+        size = np.abs(exact[:, part]).max()
+        assert np.abs(found[:, part] - exact[:, part]).max() < relative * size
+
+
+@pytest.mark.parametrize("mode", DRIVES)
+@pytest.mark.parametrize("iron", KINDS_OF_IRON)
+def test_a_machine_is_that_of_the_simulator(written, maps, tmp_path, iron, mode):
+    """Voltages that jump, a magnet that flies and turns, windings that warm up, limits that hold."""
+    m = maps[iron]
+    n, unit = len(m.coil_names), start(written[iron, mode, 2, True], tmp_path, TURNING)
+    rows = asked(n, mode)
+    exact = simulated(m, BODY, TURNING, rows, mode)
+    found = along(unit, n, rows, INPUTS[mode])
+    agree(found, exact, BOUNDS[iron])
+    agree(found[:6], exact[:6], min(BOUNDS[iron], 1e-9))
+    # What is compared moves, and the windings warm up.
+    assert np.ptp(exact[:, 2]) > 1e-3
+    assert np.ptp(exact[:, 13 : 13 + n]) > 0.1
+    unit.close()
+
+
+@pytest.mark.parametrize("iron", ["linear", "saturating"])
+def test_outputs_are_those_of_the_map(written, maps, tmp_path, iron):
+    """Linkages, voltages of the motion, and force at the state that the unit has reached."""
+    m = maps[iron]
+    n, unit = len(m.coil_names), start(written[iron, "voltage", 3, True], tmp_path, TURNING)
+    unit.set("current_", numbered(n), 0.1 * np.arange(1.0, n + 1.0))
+    body = MagneticBody(BODY.magnet.points + BODY.magnet_at, BODY.magnet.moments)
+    # Solves of the iron leave 1e-4 of its state, and Newton's method leaves something of a step to the next one.
+    relative = {"linear": 1e-11, "saturating": 1e-3}[iron]
+    for rows in (np.zeros((0, n)), asked(n, "voltage")[15:30]):
+        found = along(unit, n, rows, "voltage_")
+        currents, state = unit.get("current_", numbered(n)), found[-1, :13] if len(rows) else TURNING
+        turn = Rotation.from_quat(state[[7, 8, 9, 6]]).as_matrix()
+        place = state[:3]
+        for names, parts, wanted in (
+            ("flux_linkage_", numbered(n), m.flux_linkage(currents, place, body, turn)),
+            ("emf_", numbered(n), m.back_emf(place, currents, body, state[3:6], turn @ state[10:], turn)),
+            ("force_", "xyz", m.wrench(place, body, currents, turn)[:3]),
+            ("torque_", "xyz", m.wrench(place, body, currents, turn)[3:]),
+        ):
+            assert np.abs(unit.get(names, parts) - wanted).max() < relative * np.abs(wanted).max()
+    unit.close()
+
+
+def test_a_magnet_that_the_importer_moves(written, maps, tmp_path):
+    """Without a body the pose is an input. At rest the currents are those of the matrix L and R in closed form; along a
+    straight line those of a body that nothing holds up."""
+    m, volts = maps["linear"], np.array([1.0, -0.5, 0.3, 0.0, 0.7, -1.2])
+    unit = start(written["linear", "voltage", 2, False], tmp_path / "rest", state_of(PLACE))
+    drive, inductance = coils(6), m.inductance()
+    unit.set("voltage_", numbered(6), volts)
+    for _ in range(20):
+        assert unit.step(EACH * STEP) == 0
+    resistance = np.diag(drive.resistance)
+    final = np.linalg.solve(resistance, volts)
+    exact = final - expm(-np.linalg.solve(inductance, resistance) * 20 * EACH * STEP) @ final
+    # The windings warm up a little, and the voltage has a slope.
+    assert np.abs(unit.get("current_", numbered(6)) - exact).max() < 0.02 * np.abs(exact).max()
+    unit.close()
+    unit = start(written["linear", "voltage", 2, False], tmp_path / "line", TURNING)
+    heavy = RigidBody(1e30, [1e30] * 3, MAGNET, gravity=0.0)
+    rows, found = asked(6, "voltage"), []
+    wanted = simulated(m, heavy, TURNING, rows, "voltage")
+    for k, row in enumerate(rows):
+        if k:
+            state, begin = wanted[k - 1], 0
+            for name, parts in NAMES.items():
+                unit.set(name, parts, state[begin : begin + len(parts)])
+                begin += len(parts)
+        unit.set("voltage_", numbered(6), row)
+        assert unit.step(EACH * STEP) == 0
+        found.append(
+            np.concatenate([unit.get("current_", numbered(6)), unit.get("flux_linkage_", numbered(6))])
+        )
+    for part in (slice(0, 6), slice(6, 12)):
+        exact = wanted[:, 13:][:, part]
+        assert np.abs(np.array(found)[:, part] - exact).max() < 1e-10 * np.abs(exact).max()
+    unit.close()
+
+
+@pytest.mark.parametrize("iron", ["saturating", "remembering"])
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_stored_state_goes_on_to_the_last_bit_and_asking_leaves_no_trace(
+    written, maps, tmp_path, version, iron
+):
+    n, rows, kept = 4, asked(4, "voltage")[12:30], ctypes.c_void_p(None)
+    path = written[iron, "voltage", version, True]
+    whole = along(start(path, tmp_path / "whole", TURNING), n, rows, "voltage_", ())
+    unit = start(path, tmp_path / "parts", TURNING)
+    unit.get("emf_", numbered(n))
+    first = []
+    for row in rows[:9]:
+        first.append(along(unit, n, [row], "voltage_", ())[0])
+        # This solves the iron.
+        unit.get("emf_", numbered(n))
+    np.testing.assert_array_equal(first, whole[:9])
+    assert unit.kept(kept) == 0
+    along(unit, n, rows[3:7], "voltage_")
+    assert unit.reset() == 0
+    assert unit.restore(kept) == 0
+    np.testing.assert_array_equal(along(unit, n, rows[9:], "voltage_", ()), whole[9:])
+    unit.close(kept)
+
+
+@pytest.mark.parametrize("iron", ["linear", "remembering"])
+@pytest.mark.parametrize("inside", [False, True])
+def test_the_source_is_strict_and_touches_no_other_memory(written, tmp_path, iron, inside):
+    folder = tmp_path / "unit"
+    with zipfile.ZipFile(written[iron, "voltage", 3, inside]) as archive:
+        archive.extractall(folder)
+    command = ["gcc", *STRICT, "-fPIC", "-shared", "fmu.c", "-o", "strict.so", "-lm"]
+    subprocess.run(command, cwd=folder / "sources", check=True, capture_output=True)
+    checks = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g"]
+    source = Path(__file__).parent / "c" / "drive_fmu.c"
+    command = ["gcc", "-std=c99", "-I", folder / "sources", source, "-o", folder / "drive", "-lm"]
+    if subprocess.run([*command, *checks], capture_output=True).returncode:
+        # No address sanitizer here: without it, then.
+        subprocess.run(command, check=True, capture_output=True)
+    done = subprocess.run([folder / "drive", folder / "resources"], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_currents_beyond_the_domain_are_discarded(maps, tmp_path):
+    m = maps["saturating"]
+    free = CoilDrive(coils=4, resistance=1.0, mode="voltage", amplifier=WIDE, supply=(-1e3, 1e3))
+    unit = start(write_fmu(m, tmp_path / "a.fmu", MAGNET, drive=free), tmp_path, state_of(PLACE))
+    unit.set("voltage_", numbered(4), [50.0, 0.0, 0.0, 0.0])
+    statuses = [unit.step(EACH * STEP) for _ in range(10)]
+    assert statuses[-1] == 2
+    assert sorted(statuses) == statuses
+    unit.close()
+
+
+def test_names_units_and_what_cannot_be_written(ring, maps, written, tmp_path):
+    root, _, references = unpacked(written["linear", "current_controller", 2, True], tmp_path)
+    assert root.find("ModelExchange") is None
+    kinds = {each.get("name"): each.get("causality") for each in root.find("ModelVariables")}
+    units = {each.get("name"): each.find("Real").get("unit") for each in root.find("ModelVariables")}
+    for name, kind, unit in (
+        ("reference_2", "input", "A"),
+        ("current_2", "output", "A"),
+        ("flux_linkage_2", "output", "Wb"),
+        ("emf_2", "output", "V"),
+        ("velocity_x", "output", "m/s"),
+    ):
+        assert (kinds[name], units[name]) == (kind, unit)
+    assert not any(name.startswith(("voltage_", "der(")) for name in references)
+    root, *_ = unpacked(written["linear", "voltage", 2, False], tmp_path / "free")
+    kinds = {each.get("name"): each.get("causality") for each in root.find("ModelVariables")}
+    assert kinds["voltage_6"] == kinds["velocity_x"] == "input"
+    # A source of current is what a unit has without a drive.
+    ideal = CoilDrive(WIDE, 6)
+    plain = [
+        write_fmu(ring.map, tmp_path / f"{k}" / "a.fmu", drive=one) for k, one in enumerate((ideal, None))
+    ]
+    assert plain[0].read_bytes() == plain[1].read_bytes()
+    for field, drive in (
+        (ring.map, coils(6)),
+        (maps["linear"], coils(4)),
+        (maps["linear"].at(1.0), coils(6)),
+    ):
+        with pytest.raises(InputError):
+            write_fmu(field, tmp_path / "b.fmu", drive=drive)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("iron", ["linear", "saturating"])
+def test_fmpy_gets_the_simulator_s_currents(written, maps, fmpy, tmp_path, version, iron):
+    """A step of one coil's voltage with a magnet that flies past: currents of all coils, linkages, and the body."""
+    m = maps[iron]
+    n = len(m.coil_names)
+    rows = np.zeros((40, n))
+    rows[:, 1] = 3.0
+    starts = dict(
+        zip([f"{name}{part}" for name, parts in NAMES.items() for part in parts], TURNING, strict=True)
+    )
+    outputs = [*starts, *(f"current_{k}" for k in numbered(n)), *(f"flux_linkage_{k}" for k in numbered(n))]
+    starts["step"] = STEP
+    found = fmpy(
+        tmp_path,
+        kind="follow",
+        path=str(written[iron, "voltage", version, True]),
+        names=np.array(list(starts)),
+        starts=np.array(list(starts.values())),
+        inputs=np.array([f"voltage_{k}" for k in numbered(n)]),
+        rows=rows,
+        outputs=np.array(outputs),
+        period=EACH * STEP,
+    )["outputs"]
+    exact = simulated(m, BODY, TURNING, rows, "voltage")
+    agree(found, exact, BOUNDS[iron])
+    assert np.abs(exact[-1, 13]) > 1e-3
