@@ -237,7 +237,7 @@ def test_damaged_linkages_are_refused(given):
 
 
 SOFT = MagneticBody(
-    np.array([[3e-3, -1e-3, 2e-3]]), MOMENT[None], soft=(soft_piece(fm.SoftSphere(2e-3, mu_r=50.0)),)
+    np.array([[3e-3, -1e-3, 2e-3]]), MOMENT[None], soft=soft_rule(fm.SoftSphere(2e-3, mu_r=50.0))
 )
 TURN = np.array([[0.8, 0.6, 0.0], [0.0, 0.0, -1.0], [-0.6, 0.8, 0.0]])
 
