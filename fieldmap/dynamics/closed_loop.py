@@ -260,7 +260,7 @@ def _winding_use(machine: Machine, schedule: Schedule, begun: Begun) -> WindingU
         return None
     rows = begun.loop.rows[: begun.loop.done.rows]
     too_hot = rows[:, rows.shape[1] - n :] > (np.inf if heating is None else heating.limit)
-    first = np.where(too_hot.any(axis=0), too_hot.argmax(axis=0), np.nan)
+    first = np.where(too_hot.any(axis=0), too_hot.argmax(axis=0) if len(rows) else 0, np.nan)
     return WindingUse(state.heat, state.input, first * schedule.period * schedule.every)
 
 

@@ -20,6 +20,7 @@ from fieldmap.dynamics import coupled
 from fieldmap.dynamics.allocation import ParametrisedAllocation
 from fieldmap.dynamics.closed_loop import Schedule
 from fieldmap.dynamics.coupled import Lengths, LqgWeights
+from fieldmap.dynamics.linear_loop import shares_of_the_past
 from fieldmap.dynamics.linearisation import linearise
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
@@ -286,15 +287,14 @@ class Lqg(CoupledController):
     ) -> control.Controller:
         """See `CoupledController`."""
         weights, limits = self.prepared(machine, start)
-        at_start = coupled.lqg_block(linearise(machine, start), weights, period, delay, limits)
+        about = weights, period, delay, limits, shares_of_the_past(machine.sensors, period)
+        at_start = coupled.lqg_block(linearise(machine, start), *about)
         if self.depths is None:
             return at_start
         # `ScheduledController` wants rising heights, so the deepest comes first.
         depths = np.linspace(self.depths[1], self.depths[0], self.designs)
         points = points_at((-(depths + machine.sensors.zero_depth)).tolist())
-        blocks = [
-            coupled.lqg_block(linearise(machine, there), weights, period, delay, limits) for there in points
-        ]
+        blocks = [coupled.lqg_block(linearise(machine, there), *about) for there in points]
         heights = [there.sensed[2] for there in points]
         first = replace(blocks[0], memory=at_start.memory)
         return coupled.ScheduledController((first, *blocks[1:]), heights[0], heights[1] - heights[0])
