@@ -214,6 +214,24 @@ class CoilDrive(Record):
         beyond = (commands - loss * np.sign(commands)) / resistance
         return np.asarray(np.where(np.abs(small) < ripple, small, beyond))
 
+    def holding(self, currents: Array) -> Array:
+        """What is asked of coils whose currents last: currents, or the voltages of a drive that gives them.
+
+        Parameters
+        ----------
+        currents
+            Currents (n,), A.
+
+        Returns
+        -------
+        Array
+            Commands (n,), A or V.
+        """
+        if not self.gives_voltage:
+            return currents.copy()
+        loss, ripple = self._loss
+        return np.asarray(self._at_ambient * currents + loss * np.clip(currents / (ripple or 1.0), -1.0, 1.0))
+
     def coil_numbers(self, inductance: Array) -> Array:
         """Coupled coils as the C core takes them, in the order of fieldmap_coil (fieldmap/core/electrical.h).
 

@@ -96,7 +96,7 @@ def write_c_controller(
     text += f"static const int64_t {name}_hold[] = {{{', '.join(map(str, block.hold))}}};\n"
     write_whole(
         target,
-        f"""/* Controller for fieldmap_control(&{name}, ...), by fieldmap. Its memory begins as {name}_memory. */
+        f"""/* A controller, written by fieldmap: fieldmap_control(&{name}, ...) runs it from {name}_memory on. */
 #include "controller.h"
 
 {text}static const fieldmap_controller {name} = {{

@@ -506,6 +506,16 @@ def test_a_scenario_that_says_nothing_takes_the_drive_of_the_device(desk, tmp_pa
     assert np.abs(runs[0].currents - runs[3].currents).max() > 1e-4
 
 
+@pytest.mark.parametrize("mode", NAMED)
+def test_a_run_at_rest_stays_there_until_its_first_command(desk, mode):
+    """A whole period passes before it. A voltage holds the current, and the loss of a bridge."""
+    device = PLAIN.replace(driver=replace(PLAIN.driver, **NAMED[mode] | {"heating": None, "slope": None}))
+    quiet = {"duration_s": 0.02, "noise.off": True, "control.delay_ms": 2.0, "control.step_ms": 0.1}
+    run = fm.simulate("hold", quiet, field_map=desk, device=device)
+    assert run.currents[0, 0] > 0.1
+    np.testing.assert_allclose(run.currents, run.currents[0, 0], rtol=1e-6)
+
+
 def test_a_scenario_replaces_single_keys_of_the_device(desk):
     device = PLAIN.replace(driver=replace(PLAIN.driver, **NAMED["bridge"]))
     changes = {"coils.bridge.frequency_kHz": 8.0, "coils.slope_per_s": 3e4}
