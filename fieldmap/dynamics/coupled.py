@@ -19,7 +19,7 @@ from fieldmap.core.machine import VELOCITY, InverseMap, inverse_along
 from fieldmap.dynamics.closed_loop import Schedule
 from fieldmap.dynamics.linear_loop import sampled_machine, shares_of_the_past
 from fieldmap.dynamics.linearisation import ABOUT_Z, VELOCITIES, LinearMachine
-from fieldmap.dynamics.machine import Machine
+from fieldmap.dynamics.machine import Machine, Sensors
 from fieldmap.dynamics.operating_point import OperatingPoint
 from fieldmap.dynamics.rigid_body import Three
 from fieldmap.errors import Infeasible
@@ -125,6 +125,26 @@ def lqg_block(
     check(given == m, "LqgWeights(output)", must, given, "give lift, x and y")
     model = _Model(felt, period, delay, np.eye(3)[None] if shown is None else shown)
     return _block(model, felt, _gain(model, felt, weights), _taken(model, felt, weights), limits)
+
+
+def lag_in_model(sensors: Sensors, period: float) -> Array:
+    """What `lqg_block` takes for the past that sensors show: their latency.
+
+    Means of scans, which would cost states for each sample, are left out.
+
+    Parameters
+    ----------
+    sensors
+        The sensors.
+    period
+        Of the control task, s.
+
+    Returns
+    -------
+    Array
+        (k, 3, 3), as of `shares_of_the_past`.
+    """
+    return shares_of_the_past(sensors, period) if max(sensors.means) == 1 else np.eye(3)[None]
 
 
 class _Model:
@@ -410,7 +430,7 @@ def force_controller(
         operating_point=replace(operating_point, outputs=weight),
         assumptions=(),
     )
-    block = lqg_block(free, weights, period, delay, shown=shares_of_the_past(machine.sensors, period))
+    block = lqg_block(free, weights, period, delay, shown=lag_in_model(machine.sensors, period))
     limits = np.asarray(lower, float), np.asarray(upper, float)
     return ForceController(block, *limits, operating_point.outputs.copy(), rounds)
 

@@ -20,7 +20,6 @@ from fieldmap.dynamics import coupled
 from fieldmap.dynamics.allocation import ParametrisedAllocation
 from fieldmap.dynamics.closed_loop import Schedule
 from fieldmap.dynamics.coupled import Lengths, LqgWeights
-from fieldmap.dynamics.linear_loop import shares_of_the_past
 from fieldmap.dynamics.linearisation import linearise
 from fieldmap.dynamics.machine import Machine
 from fieldmap.dynamics.operating_point import OperatingPoint
@@ -287,7 +286,7 @@ class Lqg(CoupledController):
     ) -> control.Controller:
         """See `CoupledController`."""
         weights, limits = self.prepared(machine, start)
-        about = weights, period, delay, limits, shares_of_the_past(machine.sensors, period)
+        about = weights, period, delay, limits, coupled.lag_in_model(machine.sensors, period)
         at_start = coupled.lqg_block(linearise(machine, start), *about)
         if self.depths is None:
             return at_start
