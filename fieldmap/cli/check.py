@@ -109,8 +109,10 @@ def _device_facts(contents: DeviceContents) -> Iterator[tuple[str, str]]:
             uniform = " as a uniform body" if device.payload.inertia is None else ""
             inertia = f", inertia {', '.join(page.cells(moments, '.4g', 1e9))} g mm2{uniform}"
         yield "payload", f"{1e3 * device.payload.mass:.4g} g, {device.payload.description}{inertia}"
-    if device.driver is not None:
-        yield "driver", f"{device.driver.gain:g} A/V, at most {device.driver.current_limit:g} A per coil"
+    if (driver := device.driver) is not None:
+        drive = "" if driver.mode in (None, "ideal") else f", {driver.mode.replace('_', ' ')}"
+        supply = f" at {driver.supply_voltage:g} V" if drive and driver.supply_voltage else ""
+        yield "driver", f"{driver.gain:g} A/V, at most {driver.current_limit:g} A per coil{drive}{supply}"
     if device.bounds is not None:
         yield "workspace", f"{page.place(device.bounds[0])} mm to {page.place(device.bounds[1])} mm"
     if device.joints:

@@ -8,6 +8,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+from fieldmap.device.drives import lacking
 from fieldmap.device.materials import keys_of_table
 from fieldmap.device.shapes import SHAPE_KEYS, ShapeOfFile
 from fieldmap.inputs.findings import Finding, meant, one_of, shown
@@ -27,7 +28,7 @@ def cross_findings(data: dict[str, Any], folder: Path, missing: set[str]) -> lis
     found += [*_unknown_materials(data), *_pieces_of_no_iron(data)]
     found += _names_of_no_body(data, "section", "bodies", patterns=False)
     found += _names_of_no_body(data, "joint", "between", patterns=True)
-    found += [*_numbers_of_currents(data), *_sources_of_nothing(data, missing)]
+    found += [*_numbers_of_currents(data), *_sources_of_nothing(data, missing), *_drives_without(data)]
     return [*found, *_missing_files(data, folder), *_nothing_to_compute(data)]
 
 
@@ -103,6 +104,24 @@ def _numbers_of_currents(data: dict[str, Any]) -> Iterator[Finding]:
                 f"{len(currents)} currents",
                 "list one number for each [[coil]], in the order of the file (0 for a coil that is off)",
             )
+
+
+def _drives_without(data: dict[str, Any]) -> Iterator[Finding]:
+    """What the drive of the coils needs and the file does not have."""
+    driver = data.get("driver")
+    if isinstance(driver, dict):
+        chosen = {
+            "mode": driver.get("drive"),
+            "controller": driver.get("controller"),
+            "bridge": driver.get("bridge"),
+        }
+        without = [
+            str(coil.get("name")) for _, coil in tables(data, "coil") if not coil.get("resistance_ohm")
+        ]
+        problem = lacking(chosen, driver.get("supply_voltage_V"), without)
+        if problem is not None:
+            key, *about = problem
+            yield Finding(("driver", key), *about)
 
 
 def _sources_of_nothing(data: dict[str, Any], missing: set[str]) -> Iterator[Finding]:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo
 
+from fieldmap.device.drives import DriveChoice
 from fieldmap.device.made import Made
 from fieldmap.device.placement import PLACEMENT, Movable, Placement
 from fieldmap.device.shapes import SHAPE_KEYS, Shape
@@ -349,8 +350,11 @@ class FieldSensor(Made):
 
 
 @dataclass(frozen=True, repr=False)
-class Driver(Made):
-    """The current amplifier of every coil: gain in A/V, limit in A, supply in V."""
+class Driver(DriveChoice, Made):
+    """The amplifier of every coil: gain in A/V, limit in A, supply in V, and what drives the coil.
+
+    Of a drive that gives a voltage, the gain says how many amperes last for a volt at the amplifier's input.
+    """
 
     gain: Annotated[float, Key(Positive, "current per volt at the amplifier's input", "A_per_V")]
     current_limit: Annotated[float, Key(Positive, "largest current of one coil", "A")]

@@ -22,6 +22,7 @@ from fieldmap.control import (
     stacked,
     state_block,
 )
+from fieldmap.device.drives import Bridge, CurrentController, Heating
 from fieldmap.dynamics.allocation import (
     ControlAllocation,
     MatrixAllocation,
@@ -30,7 +31,6 @@ from fieldmap.dynamics.allocation import (
     lift_and_directions,
 )
 from fieldmap.dynamics.closed_loop import RunningMachine, Schedule, simulate_closed_loop, simulate_many
-from fieldmap.dynamics.drives import Bridge, CurrentController, Heating
 from fieldmap.dynamics.field_of_currents import (
     FieldOfCurrents,
     linearised,

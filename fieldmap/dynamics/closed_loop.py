@@ -215,9 +215,9 @@ def start_loop(
         memory=guarded(memory),
         load=np.zeros(6),
         progress=np.zeros(len(compiled.Progress._fields), np.int64),
-        commands=amperes.copy(),
-        waiting=amperes.copy(),
-        late=amperes.copy(),
+        commands=machine.drive.holding(amperes),
+        waiting=machine.drive.holding(amperes),
+        late=machine.drive.holding(amperes),
         seen=guarded(np.ones(SIGNALS + sensing.shown)),
         outputs=guarded(np.zeros(m)),
         scratch=np.zeros(len(memory) + 2 * m),
@@ -260,7 +260,7 @@ def _winding_use(machine: Machine, schedule: Schedule, begun: Begun) -> WindingU
         return None
     rows = begun.loop.rows[: begun.loop.done.rows]
     too_hot = rows[:, rows.shape[1] - n :] > (np.inf if heating is None else heating.limit)
-    first = np.where(too_hot.any(axis=0), too_hot.argmax(axis=0), np.nan)
+    first = np.where(too_hot.any(axis=0), too_hot.argmax(axis=0) if len(rows) else 0, np.nan)
     return WindingUse(state.heat, state.input, first * schedule.period * schedule.every)
 
 

@@ -17,9 +17,9 @@ from fieldmap.control.regulator import riccati
 from fieldmap.core.controller import SIGNALS, Block, CoreController
 from fieldmap.core.machine import VELOCITY, InverseMap, inverse_along
 from fieldmap.dynamics.closed_loop import Schedule
-from fieldmap.dynamics.linear_loop import sampled_machine
+from fieldmap.dynamics.linear_loop import sampled_machine, shares_of_the_past
 from fieldmap.dynamics.linearisation import ABOUT_Z, VELOCITIES, LinearMachine
-from fieldmap.dynamics.machine import Machine
+from fieldmap.dynamics.machine import Machine, Sensors
 from fieldmap.dynamics.operating_point import OperatingPoint
 from fieldmap.dynamics.rigid_body import Three
 from fieldmap.errors import Infeasible
@@ -87,11 +87,14 @@ def lqg_block(
     period: float,
     delay: float = 0.0,
     limits: tuple[Array, Array] | None = None,
+    shown: Array | None = None,
 ) -> ControllerBlock:
-    """A regulator on estimated states and forces, designed for one linear machine and the delay of its outputs.
+    """A regulator on estimated states and forces, designed for one linear machine, the delay of its outputs and the lag
+    of its sensors.
 
     Memory: states except angle and angular velocity about z, positions in the map's frame; unknown force (3), N; the
-    last outputs. The regulator holds the sensed point at its reference without offset under any constant force.
+    last outputs; the sensed point at the last samples, m, if sensors show it late. The regulator holds the sensed point
+    at its reference without offset under any constant force.
 
     Parameters
     ----------
@@ -103,6 +106,8 @@ def lqg_block(
         s.
     limits
         Lowest and highest outputs (m,); the estimator predicts with the limited outputs.
+    shown
+        What the sensors show of the past (k, 3, 3), as of `shares_of_the_past`; the present unless given.
 
     Returns
     -------
@@ -118,30 +123,60 @@ def lqg_block(
     m, given = felt.B.shape[1], len(weights.output)
     must = f"must have one number for each of {m} outputs"
     check(given == m, "LqgWeights(output)", must, given, "give lift, x and y")
-    model = _Model(felt, period, delay)
+    model = _Model(felt, period, delay, np.eye(3)[None] if shown is None else shown)
     return _block(model, felt, _gain(model, felt, weights), _taken(model, felt, weights), limits)
 
 
-class _Model:
-    """X+ = F X + S u + f, y = H X + h with X = states, unknown force (3), last outputs (m); none is a deviation."""
+def lag_in_model(sensors: Sensors, period: float) -> Array:
+    """What `lqg_block` takes for the past that sensors show: their latency.
 
-    def __init__(self, linear: LinearMachine, period: float, delay: float) -> None:
+    Means of scans, which would cost states for each sample, are left out.
+
+    Parameters
+    ----------
+    sensors
+        The sensors.
+    period
+        Of the control task, s.
+
+    Returns
+    -------
+    Array
+        (k, 3, 3), as of `shares_of_the_past`.
+    """
+    return shares_of_the_past(sensors, period) if max(sensors.means) == 1 else np.eye(3)[None]
+
+
+class _Model:
+    """X+ = F X + S u + f, y = H X + h with X = states, unknown force (3), last outputs (m), and the sensed point at the
+    last samples; none is a deviation."""
+
+    def __init__(self, linear: LinearMachine, period: float, delay: float, shown: Array) -> None:
         sampled = sampled_machine(linear, period, delay)
         n, m = linear.B.shape
         self.n, self.m, self.period = n, m, period
-        # Indices of all but the unknown force.
-        self.known = [*range(n), *range(n + 3, n + 3 + m)]
+        # Indices of all but the unknown force and the past, and of all but the last outputs.
+        first, late = n + 3 + m, 3 * (len(shown) - 1)
+        size = first + late
+        self.known = [*range(n), *range(n + 3, first)]
+        self.estimated = [*range(n + 3), *range(first, size)]
         pushed = zero_order_hold(linear.A, linear.G[:, :3], period)[1]
-        self.F = np.zeros((n + 3 + m, n + 3 + m))
-        self.F[:n] = np.hstack([sampled.A, pushed, sampled.before])
+        self.F = np.eye(size, k=-3)
+        self.F[: first + min(late, 3)] = 0.0
+        self.F[:n, :first] = np.hstack([sampled.A, pushed, sampled.before])
         self.F[n : n + 3, n : n + 3] = np.eye(3)
-        self.S = np.vstack([sampled.B, np.zeros((3, m)), np.eye(m)])
+        self.F[first : first + 3, :n] = linear.C[:late]
+        self.S = np.vstack([sampled.B, np.zeros((3, m)), np.eye(m), np.zeros((late, m))])
         self.place, self.outputs = linear.at_rest, linear.operating_point.outputs
-        self.H = np.hstack([linear.C, np.zeros((3, 3 + m))])
-        self.f = np.zeros(n + 3 + m)
+        self.H = np.hstack([shown[0] @ linear.C, np.zeros((3, 3 + m)), *shown[1:]])
+        sensed = linear.operating_point.sensed
+        constant = sensed - linear.C @ self.place
+        self.f = np.zeros(size)
         self.f[:n] = self.place - sampled.A @ self.place - (sampled.B + sampled.before) @ self.outputs
-        self.h = linear.operating_point.sensed - linear.C @ self.place
-        self.operating_point = np.concatenate([self.place, np.zeros(3), self.outputs])
+        self.f[first : first + 3] = constant[:late]
+        self.h = shown[0] @ constant
+        past = np.tile(sensed, len(shown) - 1)
+        self.operating_point = np.concatenate([self.place, np.zeros(3), self.outputs, past])
 
 
 def _gain(model: _Model, linear: LinearMachine, weights: LqgWeights) -> Array:
@@ -159,15 +194,18 @@ def _gain(model: _Model, linear: LinearMachine, weights: LqgWeights) -> Array:
 
 
 def _taken(model: _Model, linear: LinearMachine, weights: LqgWeights) -> Array:
-    """Gain (n + 3 + m, 3) by which the measurement corrects the prediction."""
-    n = model.n
-    A, C = model.F[: n + 3, : n + 3], model.H[:, : n + 3]
-    shaken = np.vstack([linear.G[:, :3], np.zeros((3, 3))]) * np.asarray(weights.force)
-    noise = shaken @ shaken.T
-    noise[n:, n:] = np.diag(np.square(weights.drift))
+    """Gain (size of X, 3) by which the measurement corrects the prediction."""
+    n, at = model.n, model.estimated
+    A, C = model.F[np.ix_(at, at)], model.H[:, at]
+    shaken = linear.G[:, :3] * np.asarray(weights.force)
+    noise = np.zeros_like(A)
+    noise[:n, :n] = shaken @ shaken.T
+    noise[n : n + 3, n : n + 3] = np.diag(np.square(weights.drift))
     R = np.diag(np.square(weights.sensor or (1e-6,) * 3))
     P = _riccati(A.T, C.T, model.period * noise, R, "observable by its sensors")[0]
-    return np.vstack([np.linalg.solve(C @ P @ C.T + R, C @ P).T, np.zeros((model.m, 3))])
+    taken = np.zeros((len(model.F), 3))
+    taken[at] = np.linalg.solve(C @ P @ C.T + R, C @ P).T
+    return taken
 
 
 def _riccati(A: Array, B: Array, Q: Array, R: Array, what: str) -> tuple[Array, Array]:
@@ -187,14 +225,17 @@ def _block(
     by_reference, by_force = np.hsplit(np.linalg.lstsq(both, asked, rcond=None)[0], 2)
     # u = u0 + U_r (r - y0) + U_d d - K (deviation from the states that reference and force ask for), (18).
     from_reference = by_reference[n:] + gain @ by_reference
-    states = np.hstack([-gain[:, :n], by_force[n:] + gain @ by_force, -gain[:, n:]])
+    size = len(model.F)
+    states = np.hstack(
+        [-gain[:, :n], by_force[n:] + gain @ by_force, -gain[:, n:], np.zeros((m, size - n - 3 - m))]
+    )
     constant = (
         model.outputs
         - from_reference @ linear.operating_point.sensed
         + gain @ model.operating_point[model.known]
     )
-    left = np.eye(n + 3 + m) - taken @ model.H
-    B, D = np.zeros((n + 3 + m, SIGNALS)), np.zeros((m, SIGNALS))
+    left = np.eye(size) - taken @ model.H
+    B, D = np.zeros((size, SIGNALS)), np.zeros((m, SIGNALS))
     D[:, :3], D[:, 3:6] = from_reference, states @ taken
     D[:, 6] = constant - states @ taken @ model.h
     B[:, 3:6], B[:, 6] = model.F @ taken, model.f - model.F @ taken @ model.h
@@ -389,7 +430,7 @@ def force_controller(
         operating_point=replace(operating_point, outputs=weight),
         assumptions=(),
     )
-    block = lqg_block(free, weights, period, delay)
+    block = lqg_block(free, weights, period, delay, shown=lag_in_model(machine.sensors, period))
     limits = np.asarray(lower, float), np.asarray(upper, float)
     return ForceController(block, *limits, operating_point.outputs.copy(), rounds)
 

@@ -22,13 +22,14 @@ from fieldmap.arguments import (
 from fieldmap.core.closed_loop import Ending, Sensing
 from fieldmap.core.library import LIBRARY
 from fieldmap.core.machine import CoreMachine
+from fieldmap.device.drives import COUPLED, Bridge, CurrentController, DriveChoice, Heating, lacking
 from fieldmap.device.model import Device
 from fieldmap.dynamics.allocation import ControlAllocation
-from fieldmap.dynamics.drives import Bridge, CurrentController, Heating
 from fieldmap.dynamics.field_of_currents import FieldOfCurrents
 from fieldmap.dynamics.rigid_body import Drag, NotNegatives, Plate, RigidBody, Walls
 from fieldmap.errors import InputError
 from fieldmap.inputs.declared import Key, check_fields
+from fieldmap.inputs.document import AtKey
 from fieldmap.inputs.tables import MILLI, NotNegative, Positive, Table
 from fieldmap.instruments import Amplifier, Converter, Micrometer, Rig, SensorFrame
 from fieldmap.instruments.converter import USUAL_RANGE
@@ -44,7 +45,7 @@ CONTACTS = {
     "tube": LIBRARY.ON_WALL,
     "currents": LIBRARY.BEYOND,
 }
-DRIVES = ("ideal", "current_controller", "voltage", "bridge")
+DRIVES = ("ideal", *COUPLED)
 """What drives the coils: a source of current, without coupling; or voltages, with the coils coupled by the map."""
 
 
@@ -213,6 +214,24 @@ class CoilDrive(Record):
         beyond = (commands - loss * np.sign(commands)) / resistance
         return np.asarray(np.where(np.abs(small) < ripple, small, beyond))
 
+    def holding(self, currents: Array) -> Array:
+        """What is asked of coils whose currents last: currents, or the voltages of a drive that gives them.
+
+        Parameters
+        ----------
+        currents
+            Currents (n,), A.
+
+        Returns
+        -------
+        Array
+            Commands (n,), A or V.
+        """
+        if not self.gives_voltage:
+            return currents.copy()
+        loss, ripple = self._loss
+        return np.asarray(self._at_ambient * currents + loss * np.clip(currents / (ripple or 1.0), -1.0, 1.0))
+
     def coil_numbers(self, inductance: Array) -> Array:
         """Coupled coils as the C core takes them, in the order of fieldmap_coil (fieldmap/core/electrical.h).
 
@@ -265,8 +284,18 @@ class CoilDrive(Record):
         return numbers
 
 
-def drive_of_device(device: Device, lowest_voltage: float | None = None, **more: object) -> CoilDrive:
-    """The drive of a device file: gain, current limit, supply of [driver], resistance and inductance of its coils.
+def drive_of_device(
+    device: Device,
+    lowest_voltage: float | None = None,
+    choice: DriveChoice | None = None,
+    noise: float = 0.0,
+    **more: object,
+) -> CoilDrive:
+    """The drive of a device file: gain, current limit, supply and drive of [driver], resistance and inductance of its
+    coils.
+
+    An input of a drive that gives a voltage is worth as many lasting amperes as that of a source of current, at the
+    mean resistance.
 
     Parameters
     ----------
@@ -274,6 +303,10 @@ def drive_of_device(device: Device, lowest_voltage: float | None = None, **more:
         With a [driver].
     lowest_voltage
         That the amplifier can put on a winding, V; minus the supply's unless given.
+    choice
+        What it names takes the place of the file's drive.
+    noise
+        Standard deviation of the currents, A.
     more
         Fields of `CoilDrive`, in the place of the file's.
 
@@ -285,22 +318,35 @@ def drive_of_device(device: Device, lowest_voltage: float | None = None, **more:
     Raises
     ------
     InputError
-        Where the file has no [driver].
+        Where the file has no [driver], or the drive needs what the device does not have.
     """
     driver = device.driver
     if driver is None:
         must, remedy = "must have a [driver]", "add one to the device file"
         raise InputError.of("drive_of_device(device)", must, "none", remedy)
-    windings = {}
-    if all(coil.resistance and coil.inductance for coil in device.coils):
-        windings = {
-            name: [getattr(coil, name) for coil in device.coils] for name in ("resistance", "inductance")
-        }
+    chosen = (driver if choice is None else choice).over(driver)
+    problem = lacking(chosen, driver.supply_voltage, [one.name for one in device.coils if not one.resistance])
+    if problem is not None:
+        key, *about = problem
+        raise InputError(AtKey(f"driver.{key}", *about))
+    windings: dict[str, Any] = {}
+    coupled = chosen["mode"] != "ideal"
+    if coupled or all(coil.resistance and coil.inductance for coil in device.coils):
+        windings["resistance"] = [coil.resistance for coil in device.coils]
+        windings["inductance"] = None if coupled else [coil.inductance for coil in device.coils]
     supply, limit = driver.supply_voltage or np.inf, driver.current_limit
-    largest = limit / driver.gain
-    amplifier = Amplifier(driver.gain, -largest, largest, current_lower=-limit, current_upper=limit)
+    per_ampere = 1.0
+    if chosen["mode"] in ("voltage", "bridge"):
+        per_ampere = float(np.mean(windings["resistance"]))
+    largest, gain = limit / driver.gain, driver.gain * per_ampere
+    if chosen["mode"] == "bridge":
+        gain /= supply
+    amplifier = Amplifier(
+        gain, -largest, largest, deviation=noise * per_ampere, current_lower=-limit, current_upper=limit
+    )
+    chosen["slope"] = chosen["slope"] or np.inf
     voltages = (-supply if lowest_voltage is None else lowest_voltage, supply)
-    return CoilDrive(amplifier, len(device.coils), **{**windings, "supply": voltages, **more})  # type: ignore[arg-type]
+    return CoilDrive(amplifier, len(device.coils), **{**windings, **chosen, "supply": voltages, **more})
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -265,7 +265,11 @@ def check_fields(record: Any) -> None:
     """
     kind, table = type(record), _plain_table(type(record))
     keys = keys_of(kind)
-    data = {key: in_file(getattr(record, one.attribute), one.about) for key, one in keys.items()}
+    data = {
+        key: in_file(getattr(record, one.attribute), one.about)
+        for key, one in keys.items()
+        if not (one.stands_for_none and getattr(record, one.attribute) == one.default)
+    }
     problems: dict[str, Problem] = {}
     for finding in schema_findings(table, data):
         field = keys[str(finding.location[0])]

@@ -12,7 +12,7 @@ from fieldmap.interop.c_map import (
     write_c_iron_map,
     write_c_map,
 )
-from fieldmap.interop.c_sensors import write_c_curve, write_c_sensors
+from fieldmap.interop.c_sensors import write_c_controller, write_c_curve, write_c_sensors
 from fieldmap.interop.csv_map import write_csv
 from fieldmap.interop.fmu import write_fmu
 from fieldmap.interop.jax_field import JaxEvaluator, JaxField, jax_field
@@ -37,6 +37,7 @@ __all__ = [
     "read_measurements",
     "sample_for_mag_manip",
     "write_c32_files",
+    "write_c_controller",
     "write_c_curve",
     "write_c_files",
     "write_c_iron_files",

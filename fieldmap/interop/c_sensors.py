@@ -1,8 +1,9 @@
-"""Field sensors and calibration curves for C programs: constants for the headers of the C core."""
+"""Field sensors, calibration curves and controllers for C programs: constants for the headers of the C core."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +13,10 @@ from fieldmap.interop.c_map import c_identifier, check_harmonic, header_beside, 
 from fieldmap.lookup import FieldMap
 from fieldmap.store.whole_files import write_whole
 from fieldmap.typing import Array, PathLike
+
+if TYPE_CHECKING:
+    from fieldmap.control import ControllerBlock
+    from fieldmap.dynamics.coupled import ScheduledController
 
 
 def write_c_curve(curve: CalibrationCurve, path: PathLike) -> tuple[Path, Path]:
@@ -54,6 +59,54 @@ def write_c_curve(curve: CalibrationCurve, path: PathLike) -> tuple[Path, Path]:
         "C header",
     )
     return target, header_beside(target, "calibration_curve.h")
+
+
+def write_c_controller(
+    controller: ControllerBlock | ScheduledController, path: PathLike
+) -> tuple[Path, Path]:
+    """Write a controller as a C header of constants, and controller.h, which runs it, beside it.
+
+    The constants NAME, a fieldmap_controller, and NAME_memory, with which it begins, have the name of the file. They
+    are in double precision, or in float where the program is compiled with -DFIELDMAP_REAL=float.
+
+    Parameters
+    ----------
+    controller
+        A block, such as of `pid_block` or `lqg_block`, or several that are scheduled.
+    path
+        Of the header.
+
+    Returns
+    -------
+    tuple[Path, Path]
+        Paths of both headers.
+
+    Examples
+    --------
+    >>> write_c_controller(pid_block(pid, AxisReading("z")), "pid.h")                       # doctest: +SKIP
+    """
+    target, block = Path(path), controller.arrays
+    name, (first, step, signal) = c_identifier(target.stem, "controller"), block.nodes
+    arrays = {each: np.ravel(getattr(block, each)) for each in (*"ABCDEF", "lower", "upper")}
+    text = "".join(_array(f"{name}_{each}", values) for each, values in arrays.items())
+    count, states, _ = block.A.shape
+    numbers = f"{count}, {states}, {controller.outputs}, {int(signal)}, {_number(first)}, {_number(step)}"
+    names = ", ".join(f"{name}_{each}" for each in (*arrays, "hold"))
+    text += _array(f"{name}_memory", controller.memory)
+    text += f"static const int64_t {name}_hold[] = {{{', '.join(map(str, block.hold))}}};\n"
+    write_whole(
+        target,
+        f"""/* A controller, written by fieldmap: fieldmap_control(&{name}, ...) runs it from {name}_memory on. */
+#include "controller.h"
+
+{text}static const fieldmap_controller {name} = {{
+    {numbers},
+    {names}
+}};
+""",
+        "C header",
+    )
+    return target, header_beside(target, "controller.h")
 
 
 def write_c_sensors(field_map: FieldMap, path: PathLike) -> tuple[Path, ...]:
@@ -118,4 +171,6 @@ def _row(values: Array) -> str:
 
 def _number(value: float) -> str:
     """A constant that reads back to the same bits in double precision, and rounds to float where that is wanted."""
+    if np.isinf(value):
+        return "FM(INFINITY)" if value > 0.0 else "FM(-INFINITY)"
     return f"FM({np.format_float_scientific(value, unique=True, trim='0')})"

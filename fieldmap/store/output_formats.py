@@ -41,7 +41,9 @@ FORMATS: dict[str, Format] = {
     "VTK mesh": _format(".vtu", rb"<VTKFile type=.UnstructuredGrid.*(mu_r|charge_T)"),
     "XDMF mesh": _format(".xdmf", rb"<Xdmf.*mu_r"),
     "map for C": _format(".fmap", rb"\A(fieldmap|fmapiron)"),
-    "C header": _format(".h", rb"\A/\* (A map for fieldmap32\.h, written by fieldmap|fieldmap\w*\.h: )"),
+    "C header": _format(
+        ".h", rb"\A/\* ([^\n]*, written by fieldmap|(fieldmap\w*|calibration_curve|controller)\.h: )"
+    ),
     "unit of FMI": _format(".fmu", rb"\APK.*resources/map\.fmap"),
     "field for mag_manip": _format(".yaml .yml", rb"\A# coils in current order: "),
     "linear models": _format(".json .npz", rb'\A(\{\s*"scenario": .*"states"|PK.*depth_mm\.npy)'),

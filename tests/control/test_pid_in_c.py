@@ -7,25 +7,23 @@ import numpy as np
 import pytest
 
 from fieldmap.control import PID, AxisReading, pid_block, run_pid
-from fieldmap.core.headers import FOLDER
+from fieldmap.interop import write_c_controller
 
 PROGRAM = """#include <stdio.h>
-#include "controller.h"
-{arrays}
+#include "pid.h"
 int main(void)
-{{
-    const fieldmap_controller pid = {{.nodes = 1, .states = 3, .outputs = 1, .step = 1, .A = A, .B = B, .C = C, .D = D,
-                                     .E = E, .F = F, .lower = lower, .upper = upper, .hold = hold}};
-    fm_real v[7] = {{0}}, memory[3] = {{0}}, none[1] = {{0}}, scratch[5], output[1];
+{
+    fm_real v[7] = {0}, memory[3], none[1] = {0}, scratch[5], output[1];
     double reference, measured;
     v[6] = FM(1);
-    while (scanf("%lf %lf", &reference, &measured) == 2) {{
+    memory[0] = pid_memory[0], memory[1] = pid_memory[1], memory[2] = pid_memory[2];
+    while (scanf("%lf %lf", &reference, &measured) == 2) {
         v[0] = FM(reference), v[3] = FM(measured);
         fieldmap_control(&pid, v, none, memory, scratch, output);
         printf("%.17g\\n", (double)output[0]);
-    }}
+    }
     return 0;
-}}
+}
 """
 
 
@@ -35,15 +33,8 @@ int main(void)
 def test_a_program_in_c_gives_the_outputs_of_python(tmp_path, real, close, anti_windup):
     """To 1e-12 of the largest term in double precision, and to 1e-5 of it in float, after 400 samples with limits."""
     pid = PID(0.5, 0.05, 0.004, 2e-3, -1.0, 1.5, anti_windup=anti_windup, Tf=4e-4, b=0.7, c=0.2)
-    block = pid_block(pid, AxisReading("x"))
-    numbers = {name: getattr(block, name).ravel() for name in "ABCDE"} | {"F": block.feedforward.ravel()}
-    numbers |= {"lower": block.lower, "upper": block.upper}
-    lines = [
-        f"static const fm_real {name}[] = {{{', '.join(f'FM({value!r})' for value in values.tolist())}}};"
-        for name, values in numbers.items()
-    ]
-    lines.append(f"static const int64_t hold[] = {{{', '.join(map(str, block.hold.tolist()))}}};")
-    (tmp_path / "pid.c").write_text(PROGRAM.format(arrays="\n".join(lines)))
+    write_c_controller(pid_block(pid, AxisReading("x")), tmp_path / "pid.h")
+    (tmp_path / "pid.c").write_text(PROGRAM)
     strict = [
         "-std=c99",
         "-pedantic",
@@ -53,7 +44,7 @@ def test_a_program_in_c_gives_the_outputs_of_python(tmp_path, real, close, anti_
         "-Werror",
         f"-DFIELDMAP_REAL={real}",
     ]
-    command = ["gcc", *strict, "-I", FOLDER, tmp_path / "pid.c", "-o", tmp_path / "pid", "-lm"]
+    command = ["gcc", *strict, tmp_path / "pid.c", "-o", tmp_path / "pid", "-lm"]
     subprocess.run(command, check=True, capture_output=True)
     random = np.random.default_rng(4)
     reference, measured = 0.3 * random.normal(size=400), np.cumsum(0.2 * random.normal(size=400))

@@ -9,6 +9,7 @@ from fieldmap.core.controller import CoreController
 from fieldmap.dynamics import (
     AxisReading,
     Schedule,
+    Sensors,
     close_loop,
     linear_points,
     linearise,
@@ -27,7 +28,7 @@ from fieldmap.dynamics.coupled import (
     outputs_for,
     trajectory,
 )
-from fieldmap.dynamics.linear_loop import sampled_machine
+from fieldmap.dynamics.linear_loop import sampled_machine, shares_of_the_past
 from fieldmap.errors import Infeasible, InputError, ScenarioError
 from tests.refusals import refused
 
@@ -105,6 +106,35 @@ def test_the_loop_has_the_poles_of_regulator_and_estimator(still, late):
     np.testing.assert_allclose(settled, np.eye(3), atol=1e-6)
     other = np.abs(scipy.linalg.eigvals(block.A)).max()
     assert other < 1.0 + 1e-6
+
+
+@pytest.mark.parametrize("scans", [(5e5, 1, 3000), (1200.0, 4, 2), (900.0, (1, 3, 6), 0)])
+def test_an_estimator_knows_how_late_its_sensors_are(still, scans):
+    """Separation: whatever the sensors' lag, the poles of the regulator are poles of the loop."""
+    linear, period, late = linearise(still.machine, still.operating_point), 2e-3, 5e-4
+    sensors = Sensors(scan_rate=scans[0], averages=scans[1], latency=scans[2])
+    shown = shares_of_the_past(sensors, period)
+    block = lqg_block(linear, WEIGHTS, period, late, shown=shown)
+    loop = close_loop(linear, block, Schedule(np.zeros((2, 3)), period, delay=late), sensors)
+    assert loop.stable
+    settled = loop.C @ np.linalg.solve(np.eye(len(loop.A)) - loop.A, loop.B)
+    np.testing.assert_allclose(settled, np.eye(3), atol=1e-6)
+    sampled = sampled_machine(linear, period, late)
+    A = np.block([[sampled.A, sampled.before], [np.zeros((3, 9))]])
+    B = np.vstack([sampled.B, np.eye(3)])
+    cost = np.concatenate([1.0 / np.square(WEIGHTS.place), 1.0 / np.square(WEIGHTS.speed), np.zeros(3)])
+    R = np.diag(1.0 / np.square(WEIGHTS.output))
+    P = scipy.linalg.solve_discrete_are(A, B, np.diag(cost), R)
+    own = scipy.linalg.eigvals(A - B @ np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A))
+    assert max(np.abs(loop.poles - pole).min() for pole in own) < 1e-6
+    # A regulator that does not know of the lag has other poles.
+    plain = close_loop(
+        linear,
+        lqg_block(linear, WEIGHTS, period, late),
+        Schedule(np.zeros((2, 3)), period, delay=late),
+        sensors,
+    )
+    assert max(np.abs(plain.poles - pole).min() for pole in own) > 1e-3
 
 
 def test_constant_forces_are_found_and_carried(still, six):

@@ -415,10 +415,12 @@ def test_coils_of_iron_that_remembers_take_the_heat_of_hysteresis():
     assert bench.core.coil_state.steps < 1.2 * len(found)
 
 
+PLAIN = fm.read_device("desk_levitator").replace(driver=fm.Driver(0.4, 2.0, 24.0))
+
+
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory):
-    device = fm.read_device("desk_levitator")
-    return fm.open_map(fm.generate(device, tmp_path_factory.mktemp("desk") / "desk.h5", spacing=4e-3))
+    return fm.open_map(fm.generate(PLAIN, tmp_path_factory.mktemp("desk") / "desk.h5", spacing=4e-3))
 
 
 FAST = {"coils.drive": "current_controller", "coils.controller.bandwidth_Hz": 500.0, "duration_s": 0.6}
@@ -466,6 +468,94 @@ def test_a_scenario_of_a_bridge_with_windings_that_warm_up(desk, tmp_path):
     assert 0.0 < run.windings.too_hot[0] < 0.19
     record = recorded(run, ("coil",))
     assert record.arrays["temperatures"][0].shape == record.arrays["voltages"][0].shape == (len(run.time), 1)
+
+
+NAMED = {
+    "current_controller": {"mode": "current_controller", "controller": CurrentController(bandwidth=500.0)},
+    "voltage": {"mode": "voltage", "slope": 1e5},
+    "bridge": {
+        "mode": "bridge",
+        "bridge": Bridge(20e3, 0.5e-6, 0.7, 4e-3),
+        "heating": Heating(5.0, 0.01, limit=22.5),
+        "slope": 1e5,
+    },
+}
+BY_KEYS = {
+    "current_controller": {"coils.drive": "current_controller", "coils.controller.bandwidth_Hz": 500.0},
+    "voltage": {"coils.drive": "voltage", "coils.slope_per_s": 1e5},
+    "bridge": {key: value for key, value in SWITCHED.items() if key.startswith("coils.")},
+}
+
+
+@pytest.mark.parametrize("mode", NAMED)
+def test_a_scenario_that_says_nothing_takes_the_drive_of_the_device(desk, tmp_path, mode):
+    """From the device's file, read again; the numbers of a run are those of a scenario that names the drive."""
+    (tmp_path / "own.toml").write_text(PLAIN.replace(driver=replace(PLAIN.driver, **NAMED[mode])).to_toml())
+    device = fm.read_device(tmp_path / "own.toml")
+    runs = [
+        fm.simulate("hold", {"duration_s": 0.1, **changes}, field_map=desk, device=of)
+        for changes, of in (
+            ({}, device),
+            (BY_KEYS[mode], PLAIN),
+            ({"coils.drive": "ideal"}, device),
+            ({}, PLAIN),
+        )
+    ]
+    np.testing.assert_array_equal(runs[0].rows, runs[1].rows)
+    np.testing.assert_array_equal(runs[2].rows, runs[3].rows)
+    assert np.abs(runs[0].currents - runs[3].currents).max() > 1e-4
+
+
+@pytest.mark.parametrize("mode", NAMED)
+def test_a_run_at_rest_stays_there_until_its_first_command(desk, mode):
+    """A whole period passes before it. A voltage holds the current, and the loss of a bridge."""
+    device = PLAIN.replace(driver=replace(PLAIN.driver, **NAMED[mode] | {"heating": None, "slope": None}))
+    quiet = {"duration_s": 0.02, "noise.off": True, "control.delay_ms": 2.0, "control.step_ms": 0.1}
+    run = fm.simulate("hold", quiet, field_map=desk, device=device)
+    assert run.currents[0, 0] > 0.1
+    np.testing.assert_allclose(run.currents, run.currents[0, 0], rtol=1e-6)
+
+
+def test_a_scenario_replaces_single_keys_of_the_device(desk):
+    device = PLAIN.replace(driver=replace(PLAIN.driver, **NAMED["bridge"]))
+    changes = {"coils.bridge.frequency_kHz": 8.0, "coils.slope_per_s": 3e4}
+    drive = prepare(read_scenario("hold", changes), desk, device).machine.drive
+    assert (drive.mode, drive.bridge, drive.slope) == ("bridge", Bridge(8e3), 3e4)
+    assert drive.heating == NAMED["bridge"]["heating"]
+
+
+@pytest.mark.parametrize(
+    ("text", "where"),
+    [
+        ('drive = "bridge"', "driver.bridge"),
+        ('drive = "current_controller"', "driver.controller"),
+        ('drive = "voltage"', "driver.drive"),
+        ('drive = "bridge"\nbridge.frequency_kHz = 20', "driver.drive"),
+        ('drive = "valve"', "driver.drive"),
+        ("bridge = { frequency_kHz = 20, dead_time_us = 25 }", "driver.bridge.dead_time_us"),
+        (
+            "controller = { bandwidth_Hz = 20, proportional_V_per_A = 2 }",
+            "driver.controller.integral_V_per_A_s",
+        ),
+        ("controller.proportional_V_per_A = 2", "driver.controller.integral_V_per_A_s"),
+        (
+            "heating = { thermal_resistance_K_per_W = 1, thermal_capacity_J_per_K = 1, limit_degC = 20 }",
+            "driver.heating.limit_degC",
+        ),
+    ],
+)
+def test_a_device_file_lacks_what_its_drive_needs(desk, tmp_path, text, where):
+    """The voltage source the resistance of a coil, a bridge its supply; each at the line of its key."""
+    written = PLAIN.replace(driver=fm.Driver(0.4, 2.0)).to_toml()
+    if "voltage" in text:
+        written = written.replace("resistance_ohm = 6.0\n", "")
+    assert "[driver]\n" in written
+    (tmp_path / "own.toml").write_text(written.replace("[driver]\n", f"[driver]\n{text}\n"))
+    with pytest.raises(InputError) as caught:
+        fm.read_device(tmp_path / "own.toml")
+    (problem,) = caught.value.problems
+    assert problem.where.endswith(f": {where}")
+    assert ".toml:" in problem.where
 
 
 @pytest.mark.parametrize(

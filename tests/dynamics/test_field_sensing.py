@@ -3,6 +3,8 @@
 Readings are compared with those of Python, which tests/lookup compares with closed forms and the full solver.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -19,6 +21,7 @@ TS = 5e-4
 IDEAL = {"noise.off": True, "field_sensors.input_bits": None, "field_sensors.range_mT": None}
 SHORT = {"duration_s": 1.0, "reference": [], "record.every": 1}
 HALL = {"field_sensors.sensor": "hall"}
+IDEAL_SOURCE = {"coils.drive": "ideal", "coils.dynamics": False}
 UNSEEN = {
     **SHORT,
     "field_sensors.estimator": "none",
@@ -128,10 +131,11 @@ def test_noise_offset_and_gain_are_those_of_each_element(field, curve):
 
 
 def test_steps_and_range_of_the_electronics(field):
-    changes = {**HALL, "noise.off": True, "field_sensors.input_bits": 8, "field_sensors.latency_samples": 0}
+    changes = {**HALL, **IDEAL_SOURCE, "noise.off": True, "field_sensors.latency_samples": 0}
+    changes["field_sensors.input_bits"] = 8
     rig = open_machine("desk_hall", changes, field_map=field, gives="currents")
     step, seen = 2 * 2.5 / 2**8 / 25.0, []
-    for n in range(8):
+    for n in range(9):
         turn = turn_of(rig.quaternion)
         true = field.readings(rig.position, rig.machine.body.magnet, rig.currents, turn)
         seen.append(rig.readings)
@@ -198,10 +202,12 @@ def test_it_holds_for_a_minute(field):
 
 def test_beyond_the_range_of_the_element_the_magnet_is_lost(field):
     """The coil's share, taken off a reading that has stopped rising, leaves too little: the magnet seems to fall."""
-    far = {**HALL, **SHORT, "start.shift_mm": [0, 0, 1.0], "control.z.lower": -5.0, "control.z.upper": 5.0}
+    far = {**HALL, **SHORT, **IDEAL_SOURCE, "start.shift_mm": [0, 0, 1.0]}
     assert simulate("desk_hall", far, field_map=field).event is not None
     without = {**far, "field_sensors.range_mT": None, "field_sensors.input_range_V": 10.0}
     assert simulate("desk_hall", without, field_map=field).event is None
+    # A bridge of 12 V is slower than the magnet's way back.
+    assert simulate("desk_hall", far | {"coils.drive": "bridge"}, field_map=field).event is None
 
 
 def test_latency_takes_its_share_of_the_phase(field):
@@ -310,3 +316,62 @@ def test_a_map_without_sensors_is_refused(tmp_path):
     changes = {"start.depth_mm": None, "start.shift_mm": [0.0, 0.0, 0.0]}
     with refused(ScenarioError, where="field_sensors"):
         prepare(read_scenario("desk_hall", changes), bare)
+
+
+def test_a_bridge_that_switches_moves_the_magnet_as_its_mean_does(field):
+    """The voltages of a PWM of 20 kHz with its dead times, drop and ripple, in steps of 1 us whose edges lie where they
+    are, under the same PID with the same delays."""
+    numba = pytest.importorskip("numba")
+    device = fm.read_device("desk_levitator")
+    bridge, step, slots, volts = device.driver.bridge, 1e-6, 50, 12.0
+    quiet = IDEAL | SHORT | {"start.lean_deg": 0.0, "start.shift_mm": [0, 0, 0.3], "coils.output_bits": None}
+    quiet |= HALL | {"body.finite_magnet": False, "duration_s": 0.1}
+    of_scenario = prepare(read_scenario("desk_hall", quiet), field)
+    mean, begin = of_scenario.run(), of_scenario.controller.memory
+    n, lift = len(begin), float(of_scenario.operating_point.outputs[0])
+    block = of_scenario.controller
+    A, B, C, D, E = (getattr(block, name).copy() for name in "ABCDE")
+
+    def switched(time, measured, reference, state):
+        """state: memory of the controller; height at the sample before; outputs of this period and of the next."""
+        tick = round(time / step)
+        if tick % 500 == 0:
+            late = measured[2] if tick == 0 else state[n]
+            state[n], state[n + 1] = measured[2], state[n + 2]
+            v = np.array([reference[0], reference[1], reference[2], measured[0], measured[1], late, 1.0])
+            wanted = 0.0
+            for k in range(n):
+                wanted += C[0, k] * state[k]
+            for k in range(7):
+                wanted += D[0, k] * v[k]
+            state[n + 2] = min(max(wanted, -5.0), 5.0)
+            memory = state[:n].copy()
+            for i in range(n):
+                state[i] = E[i, 0] * state[n + 2]
+                for k in range(n):
+                    state[i] += A[i, k] * memory[k]
+                for k in range(7):
+                    state[i] += B[i, k] * v[k]
+        share, slot = 0.5 * (1.0 + state[n + 1] / 5.0), (tick % slots) * step
+        first = 0.5 * (1.0 - share) * slots * step + bridge_dead_time
+        on = max(0.0, min(0.5 * (1.0 + share) * slots * step, slot + step) - max(first, slot)) / step
+        return (5.0 * (2.0 * on - 1.0) - 5.0 * bridge_drop / volts,)
+
+    bridge_dead_time, bridge_drop = bridge.dead_time, bridge.drop
+    fast = {
+        "control.period_ms": 1e-3,
+        "control.step_ms": 1e-3,
+        "control.delay_ms": 0.0,
+        "coils.drive": "voltage",
+    }
+    fast["field_sensors.latency_samples"] = 0
+    # The drop adds to what the supply gives.
+    wider = device.replace(driver=replace(device.driver, current_limit=2.5, supply_voltage=13.0))
+    own = FunctionController(numba.njit(switched), [*begin, 0.0, lift, lift], gives="voltages")
+    run = simulate("desk_hall", quiet | fast, field_map=field, device=wider, controller=own)
+    assert mean.event is run.event is None
+    assert 1e3 * np.ptp(mean.sensed[:, 2]) > 0.3
+    assert 1e3 * np.ptp(run.currents[-50:, 0]) == pytest.approx(12.0, rel=0.1)
+    assert run.currents.min() > 0.05
+    np.testing.assert_allclose(run.sensed[::500, 2], mean.sensed[:, 2], atol=1e-6)
+    np.testing.assert_allclose(run.currents[::500, 0], mean.currents[:, 0], atol=1e-3)

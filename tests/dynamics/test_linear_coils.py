@@ -13,8 +13,11 @@ from fieldmap.control import PID
 from fieldmap.control.blocks import constant_block
 from fieldmap.dynamics import (
     AxisReading,
+    Bridge,
     CoilDrive,
+    CurrentController,
     Drag,
+    Heating,
     Machine,
     MatrixAllocation,
     RigidBody,
@@ -35,7 +38,6 @@ from fieldmap.dynamics import (
     superposed,
 )
 from fieldmap.dynamics.coupled import LqgWeights, lqg_block, outputs_for
-from fieldmap.dynamics.drives import Bridge, CurrentController, Heating
 from fieldmap.dynamics.linearisation import moved_state
 from fieldmap.dynamics.operating_point import OperatingPoint
 from fieldmap.instruments import Amplifier

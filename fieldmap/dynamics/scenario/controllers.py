@@ -286,15 +286,14 @@ class Lqg(CoupledController):
     ) -> control.Controller:
         """See `CoupledController`."""
         weights, limits = self.prepared(machine, start)
-        at_start = coupled.lqg_block(linearise(machine, start), weights, period, delay, limits)
+        about = weights, period, delay, limits, coupled.lag_in_model(machine.sensors, period)
+        at_start = coupled.lqg_block(linearise(machine, start), *about)
         if self.depths is None:
             return at_start
         # `ScheduledController` wants rising heights, so the deepest comes first.
         depths = np.linspace(self.depths[1], self.depths[0], self.designs)
         points = points_at((-(depths + machine.sensors.zero_depth)).tolist())
-        blocks = [
-            coupled.lqg_block(linearise(machine, there), weights, period, delay, limits) for there in points
-        ]
+        blocks = [coupled.lqg_block(linearise(machine, there), *about) for there in points]
         heights = [there.sensed[2] for there in points]
         first = replace(blocks[0], memory=at_start.memory)
         return coupled.ScheduledController((first, *blocks[1:]), heights[0], heights[1] - heights[0])

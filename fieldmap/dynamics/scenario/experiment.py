@@ -145,9 +145,10 @@ def _prepared(scenario: Scenario, field: Field | None, device: Device | None, ow
     body = settings.body.body(device.payload, opened)
 
     # The place at the start, approximate currents that carry the body there, and the allocation.
-    coils = settings.coils
-    ideal = coils.mode == "ideal"
-    limits = (drive_of_device(device, coils.lowest_voltage) if ideal else coils.drive(device)).steady
+    drive = settings.coils.drive(device)
+    limits = (
+        drive if drive.coupled else drive_of_device(device, settings.coils.lowest_voltage, settings.coils)
+    ).steady
     signals = _lift_and_directions(opened, control.allocation, control.allocation_n)
     balance = WeightBalance(opened, body, limits, settings.field.scale)
     held, where = settings.held(), settings.start_for_messages
@@ -173,7 +174,7 @@ def _prepared(scenario: Scenario, field: Field | None, device: Device | None, ow
         machine = Machine(
             settings.field.field(opened, currents),
             body,
-            settings.coils.drive(device),
+            drive,
             settings.sensors,
             allocation,
             drag,

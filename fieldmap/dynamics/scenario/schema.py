@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo
 
 from fieldmap.device import Device, Payload
-from fieldmap.dynamics.drives import Bridge, CurrentController, Heating
+from fieldmap.device.drives import DriveChoice
 from fieldmap.dynamics.field_of_currents import FieldOfCurrents, linearised, modelled, tabled
 from fieldmap.dynamics.machine import Bits, ChainKeys, CoilDrive, Sensors, drive_of_device
 from fieldmap.dynamics.rigid_body import Drag, Plate, RigidBody, Three, Walls, body_of_payload
@@ -34,7 +34,7 @@ from fieldmap.dynamics.scenario.references import (
     ReferenceKeys,
     Signal,
 )
-from fieldmap.errors import ScenarioError
+from fieldmap.errors import InputError, ScenarioError
 from fieldmap.inputs.declared import Key, record_of, table_of
 from fieldmap.inputs.document import AtKey, Document, schema_findings
 from fieldmap.inputs.kinds import FileKind
@@ -142,7 +142,7 @@ class BodySettings(Record):
 
 
 @dataclass(frozen=True, repr=False)
-class CoilSettings(Record):
+class CoilSettings(DriveChoice):
     """Windings and amplifiers."""
 
     dynamics: Annotated[bool, Key(..., "R and L of the device's coils; false: currents follow at once")] = (
@@ -168,72 +168,20 @@ class CoilSettings(Record):
             "s",
         ),
     ] = 0.0
-    mode: Annotated[
-        Literal["ideal", "current_controller", "voltage", "bridge"],
-        Key(
-            ...,
-            "ideal: a source of current; the others give voltages to coils, which the linkages of the map couple "
-            "with each other and with the magnet",
-            name="drive",
-        ),
-    ] = "ideal"
-    controller: Annotated[
-        CurrentController | None,
-        Key(table_of(CurrentController) | None, "of the current, for current_controller"),
-    ] = None
-    bridge: Annotated[Bridge | None, Key(table_of(Bridge) | None, "at each coil, for bridge")] = None
-    heating: Annotated[Heating | None, Key(table_of(Heating) | None, "how coupled windings warm up")] = None
-    slope: Annotated[
-        Positive | None,
-        Key(..., "fastest change of what a coupled drive is asked for, A/s, or V/s of voltages", "per_s"),
-    ] = None
 
     def drive(self, device: Device) -> CoilDrive:
-        """The drive of a device's coils."""
+        """The drive of a device's coils. Raises ScenarioError if it needs what the device does not have."""
         converter = None if self.output_bits is None else Converter(self.output_range, self.output_bits)
-        drive = drive_of_device(
-            device, self.lowest_voltage, time_constant=self.time_constant, converter=converter
-        )
-        drive = replace(drive, amplifier=replace(drive.amplifier, deviation=self.noise))
-        if self.mode != "ideal":
-            return self._coupled(drive, device)
-        return drive if self.dynamics else replace(drive, resistance=None, inductance=None)
-
-    def _coupled(self, drive: CoilDrive, device: Device) -> CoilDrive:
-        """The same with coupled coils. An output is worth as many lasting amperes as that of a source of current, at
-        the mean resistance."""
-        ohms, amplifier = [coil.resistance for coil in device.coils], drive.amplifier
-        lacking = [coil.name for coil in device.coils if not coil.resistance]
-        if lacking:
-            must, remedy = "needs the resistance of every coil", "add resistance_ohm to the device"
-            raise ScenarioError(AtKey("coils.drive", must, f"none of {', '.join(lacking)}", remedy))
-        needs = {"current_controller": ("controller", self.controller), "bridge": ("bridge", self.bridge)}
-        table, given = needs.get(self.mode, ("", self.mode))
-        if given is None:
-            must, remedy = f'must be there with coils.drive = "{self.mode}"', f"add [coils.{table}]"
-            raise ScenarioError(AtKey(f"coils.{table}", must, "none", remedy))
-        if self.mode == "bridge" and not np.isfinite(drive.supply).all():
-            must, remedy = "needs a supply", "add driver.supply_voltage_V to the device"
-            raise ScenarioError(AtKey("coils.drive", must, "a bridge without", remedy))
-        per_volt = 1.0
-        if self.mode in ("voltage", "bridge"):
-            per_volt = float(np.mean(np.array(ohms, float)))
-            amplifier = replace(amplifier, deviation=per_volt * amplifier.deviation)
-        if self.mode == "bridge":
-            per_volt /= drive.supply[1]
-        amplifier = replace(amplifier, gain=per_volt * amplifier.gain)
-        slope = np.inf if self.slope is None else self.slope
-        return replace(
-            drive,
-            amplifier=amplifier,
-            resistance=ohms,
-            inductance=None,
-            mode=self.mode,
-            controller=self.controller,
-            bridge=self.bridge,
-            heating=self.heating,
-            slope=slope,
-        )
+        more = {"time_constant": self.time_constant, "converter": converter}
+        try:
+            drive = drive_of_device(device, self.lowest_voltage, self, self.noise, **more)
+        except InputError as error:
+            (problem,) = error.problems
+            if not isinstance(problem, AtKey):
+                raise
+            raise ScenarioError(replace(problem, where=problem.where.replace("driver", "coils"))) from None
+        plain = self.dynamics or drive.coupled
+        return drive if plain else replace(drive, resistance=None, inductance=None)
 
 
 class WallEndKeys(Table):

@@ -1,0 +1,225 @@
+"""The drive of coils, chosen by the same keys in device and scenario files; a controller of the current, a bridge; how
+windings warm up. docs/theory/electrical.md."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, ValidationInfo
+
+from fieldmap.inputs.declared import Key, check_fields, table_of
+from fieldmap.inputs.tables import NotNegative, Positive, broken
+from fieldmap.records import Record
+from fieldmap.typing import Array
+
+Celsius = Annotated[float, Field(gt=-273.15)]
+"""Rule for a temperature in degrees Celsius."""
+COUPLED = ("current_controller", "voltage", "bridge")
+"""Drives that give voltages, with the coils coupled by the map."""
+COPPER = 3.93e-3
+"""Temperature coefficient of the resistance of copper at 20 degC, 1/K: IEC 60028."""
+
+
+def _with_proportional(integral: float | None, info: ValidationInfo) -> None:
+    bandwidth, proportional = (info.data.get(name) for name in ("bandwidth_Hz", "proportional_V_per_A"))
+    given = [one is not None for one in (bandwidth, proportional, integral)]
+    if given not in ([True, False, False], [False, True, True]):
+        must = "must be given with proportional, and both without bandwidth; or bandwidth alone"
+        received = f"bandwidth {bandwidth}, proportional {proportional}, integral {integral}"
+        raise broken(must, received, "correct them")
+
+
+def _below_half_a_period(dead_time: float, info: ValidationInfo) -> None:
+    frequency = info.data.get("frequency_kHz")
+    if frequency is not None and 1e-3 * dead_time * frequency >= 0.5:
+        raise broken("must be below half a period of the PWM", f"{dead_time:g} us", "correct it")
+
+
+def _above_ambient(limit: float | None, info: ValidationInfo) -> None:
+    if limit is not None and limit <= info.data.get("ambient_degC", limit - 1.0):
+        raise broken("must be above ambient", f"{limit:g} degC", "correct one")
+
+
+@dataclass(frozen=True, repr=False)
+class CurrentController(Record):
+    """A PI controller for the current of each coil: voltage = P (asked - current) + I times the integral of it.
+
+    bandwidth: Hz, of the closed loop of a coil by itself, from which P = 2 pi bandwidth L and I = 2 pi bandwidth R
+    follow; or both gains: proportional, V/A; integral, V/(A s). At a limit of the supply the integral is that of the
+    reference which the limit allows (back-calculation).
+    """
+
+    bandwidth: Annotated[
+        Positive | None, Key(..., "of the loop of a coil by itself; or proportional and integral", "Hz")
+    ] = None
+    proportional: Annotated[Positive | None, Key(..., "gain", "V_per_A")] = None
+    integral: Annotated[
+        NotNegative | None, Key(..., "gain of the integral", "V_per_A_s", check=_with_proportional)
+    ] = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    def gains(self, resistance: Array, inductance: Array) -> tuple[Array, Array]:
+        """The gains of each coil.
+
+        Parameters
+        ----------
+        resistance
+            Of the windings (n,), ohm.
+        inductance
+            Of the coils (n,), H.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            P (n,), V/A, and I (n,), V/(A s).
+        """
+        if self.bandwidth is None:
+            ones = np.ones(len(resistance))
+            return float(self.proportional or 0.0) * ones, float(self.integral or 0.0) * ones
+        rate = 2.0 * np.pi * self.bandwidth
+        return rate * inductance, rate * resistance
+
+
+@dataclass(frozen=True, repr=False)
+class Bridge(Record):
+    """An H-bridge at each coil, as its mean over periods of the PWM: voltage = duty times supply, less what it loses.
+
+    frequency: of the PWM, Hz; dead_time: s, of each of both legs: they lose 2 dead_time frequency supply against the
+    current; drop: V, of the two switches that conduct, against the current. ripple: A, half of the swing of the current
+    in a period: within it the loss is in proportion to the mean current.
+    """
+
+    frequency: Annotated[Positive, Key(..., "of the PWM", "kHz")]
+    dead_time: Annotated[NotNegative, Key(..., "of each leg", "us", check=_below_half_a_period)] = 0.0
+    drop: Annotated[NotNegative, Key(..., "of the two switches that conduct", "V")] = 0.0
+    ripple: Annotated[Positive, Key(..., "half of the swing of the current in a period of the PWM", "mA")] = (
+        1e-2
+    )
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    def loss(self, supply: float) -> float:
+        """Mean voltage that it loses against the current.
+
+        Parameters
+        ----------
+        supply
+            V.
+
+        Returns
+        -------
+        float
+            V.
+        """
+        return 2.0 * self.dead_time * self.frequency * supply + self.drop
+
+
+@dataclass(frozen=True, repr=False)
+class Heating(Record):
+    """How windings warm up, all alike: one temperature each, with a resistance to the surroundings.
+
+    thermal_resistance: K/W; thermal_capacity: J/K; coefficient: of the resistance, 1/K, at the reference temperature,
+    degC, to which the given resistance belongs; ambient: degC, also at the start; limit: degC.
+    """
+
+    thermal_resistance: Annotated[Positive, Key(..., "of a winding to the surroundings", "K_per_W")]
+    thermal_capacity: Annotated[Positive, Key(..., "of a winding", "J_per_K")]
+    coefficient: Annotated[
+        NotNegative, Key(..., "of the resistance; that of copper unless given", "per_K")
+    ] = COPPER
+    reference: Annotated[Celsius, Key(..., "to which the resistance belongs", "degC")] = 20.0
+    ambient: Annotated[Celsius, Key(..., "of the surroundings, and of the windings at the start", "degC")] = (
+        20.0
+    )
+    limit: Annotated[float, Key(..., "that windings stand", "degC", check=_above_ambient)] = np.inf
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class DriveChoice(Record):
+    """The drive that a device or a scenario names.
+
+    mode: None for that of the device in a scenario, and for "ideal" in a device. controller, bridge, heating: None for
+    those of the device, or none. slope: of what is asked for, A/s, or V/s of voltages.
+    """
+
+    mode: Annotated[
+        Literal["ideal", "current_controller", "voltage", "bridge"] | None,
+        Key(
+            ...,
+            "ideal: a source of current; the others give voltages to coils, which the linkages of the map couple "
+            "with each other and with the magnet. A scenario takes what it does not give from the device, whose "
+            "default is ideal",
+            name="drive",
+            examples=("bridge",),
+        ),
+    ] = None
+    controller: Annotated[
+        CurrentController | None,
+        Key(table_of(CurrentController) | None, "of the current, for current_controller"),
+    ] = None
+    bridge: Annotated[Bridge | None, Key(table_of(Bridge) | None, "at each coil, for bridge")] = None
+    heating: Annotated[Heating | None, Key(table_of(Heating) | None, "how coupled windings warm up")] = None
+    slope: Annotated[
+        Positive | None,
+        Key(..., "fastest change of what a coupled drive is asked for, A/s, or V/s of voltages", "per_s"),
+    ] = None
+
+    def over(self, other: DriveChoice) -> dict[str, Any]:
+        """The fields of a choice, from `other` where this one has none.
+
+        Parameters
+        ----------
+        other
+            The choice of the device.
+
+        Returns
+        -------
+        dict[str, Any]
+            The fields by their names; a mode that neither names is "ideal".
+        """
+        mine = {each.name: getattr(self, each.name) for each in fields(DriveChoice)}
+        found = {name: getattr(other, name) if value is None else value for name, value in mine.items()}
+        return found | {"mode": found["mode"] or "ideal"}
+
+
+def lacking(
+    chosen: Mapping[str, Any], supply: Any, without: Sequence[str]
+) -> tuple[str, str, str, str] | None:
+    """What a chosen drive needs and does not have, for device and scenario files.
+
+    Parameters
+    ----------
+    chosen
+        mode, controller and bridge, by their names.
+    supply
+        Of the driver, V; None for none.
+    without
+        Names of the coils that have no resistance.
+
+    Returns
+    -------
+    tuple[str, str, str, str] | None
+        The key beside which something is missing, what must hold, what was received, and the remedy; None if nothing
+        is.
+    """
+    mode = chosen["mode"]
+    if mode not in COUPLED:
+        return None
+    if without:
+        must = "needs the resistance of every coil"
+        return "drive", must, f"none of {', '.join(without)}", "add resistance_ohm to each"
+    table = {"current_controller": "controller", "bridge": "bridge"}.get(mode)
+    if table is not None and chosen[table] is None:
+        return table, f'must be there with drive = "{mode}"', "none", "add the table"
+    if mode == "bridge" and not supply:
+        return "drive", "needs a supply", "a bridge without", "add driver.supply_voltage_V to the device"
+    return None
