@@ -22,8 +22,8 @@ enum {
     FIELDMAP_CURRENT_HIGHEST = 2
 };
 
-/* Newton steps of a step in time; rounds for what limits hold in one of them. */
-enum { FIELDMAP_ELECTRICAL_STEPS = 12, FIELDMAP_LIMIT_ROUNDS = 24 };
+/* Newton steps of a step in time; rounds for what limits hold in one of them, and the first of them, for all coils at once. */
+enum { FIELDMAP_ELECTRICAL_STEPS = 12, FIELDMAP_LIMIT_ROUNDS = 64, FIELDMAP_TOGETHER_ROUNDS = 8 };
 
 /* A coil and its drive. resistance: ohm, at the reference temperature; lower, upper: V, of the supply; proportional, V/A,
  * integral, V/(A s): gains of a current controller, both 0 of a source of voltage; current_lower, current_upper: A, where a
@@ -53,7 +53,7 @@ typedef struct fieldmap_electrical {
     const fieldmap_coil *coils;
     const double *inductance, *constant;
     double *linkage, *integral, *asked, *voltage, *heat, *input, *temperature, *source, *counted, *resistance;
-    double *met, *at, *guess, *change, *right, *given, *gain, *total, *moved, *before, *tangent, *factor, *slopes, *along, *weights, *each;
+    double *met, *at, *guess, *change, *right, *given, *gain, *total, *moved, *before, *tangent, *factor, *slopes, *along, *each;
     int64_t tangents, steps;
 } fieldmap_electrical;
 
@@ -62,7 +62,7 @@ enum { FIELDMAP_ELECTRICAL_ARRAYS = 20, FIELDMAP_ELECTRICAL_STATE = 8 };
 
 static inline size_t fieldmap_electrical_room(int n, int fields)
 {
-    return (size_t)n * (FIELDMAP_ELECTRICAL_ARRAYS + 2 * (size_t)n + (size_t)fields) + 5 * (size_t)fields;
+    return (size_t)n * (FIELDMAP_ELECTRICAL_ARRAYS + 2 * (size_t)n + (size_t)fields) + 4 * (size_t)fields;
 }
 
 /* Lay out the arrays in memory of fieldmap_electrical_room() numbers that are zero. */
@@ -76,7 +76,7 @@ static inline void fieldmap_electrical_start(fieldmap_electrical *e, double *mem
     int k;
     for (k = 0; k < FIELDMAP_ELECTRICAL_ARRAYS; k++, memory += n) *arrays[k] = memory;
     e->tangent = memory, e->factor = e->tangent + n * n, e->slopes = e->factor + n * n;
-    e->along = e->slopes + n * (size_t)e->fields, e->weights = e->along + e->fields, e->each = e->weights + e->fields;
+    e->along = e->slopes + n * (size_t)e->fields, e->each = e->along + e->fields;
     for (k = 0; k < e->n; k++) e->temperature[k] = e->coils[k].ambient;
 }
 
@@ -196,14 +196,14 @@ static inline void fieldmap_make_tangent(fieldmap_electrical *e, fieldmap_iron_s
                                          const double *currents)
 {
     const int n = e->n;
-    int k, j, status;
+    int k, j;
     e->tangents++;
     e->step = 0.0;
     if (iron == NULL) {
         memcpy(e->tangent, e->inductance, (size_t)(n * n) * sizeof(double));
     } else {
-        status = fieldmap_iron_linked_slopes(iron, currents, e->weights, e->slopes, e->right, e->factor);
-        if (status != FIELDMAP_OK) return;
+        if (fieldmap_iron_solve_at(iron, currents, iron->tolerance) != FIELDMAP_OK) return;
+        fieldmap_iron_slopes_here(iron, e->slopes, NULL, e->factor, 1);
         for (k = 0; k < n; k++)
             for (j = 0, e->at[k] = currents[k]; j < n; j++)
                 e->tangent[k * n + j] =
@@ -341,9 +341,13 @@ static inline void fieldmap_change_of_currents(fieldmap_electrical *e, const dou
             double given, gain, next;
             fieldmap_law_of_coil(e, k, e->source[k], currents[k], h, &given, &gain);
             next = fieldmap_next_source(e, k, given - gain * (currents[k] + 0.5 * e->change[k]), currents[k], e->change[k], h);
-            moved |= next != e->source[k];
-            /* After the last round the voltages are those of the sources that were taken. */
-            if (round < FIELDMAP_LIMIT_ROUNDS - 1) e->source[k] = next;
+            if (next == e->source[k]) continue;
+            /* All at once, coils that are coupled strongly may go round in circles. One by one, the first of them first, and
+             * from limit to limit by way of what is asked for, they come to an end: Murty's rule. After the last round the
+             * voltages are those of the sources that were taken. */
+            if (round >= FIELDMAP_TOGETHER_ROUNDS && next * e->source[k] == FIELDMAP_SUPPLY_LOWEST) next = FIELDMAP_ASKED;
+            if (round < FIELDMAP_LIMIT_ROUNDS - 1 && (!moved || round < FIELDMAP_TOGETHER_ROUNDS)) e->source[k] = next;
+            moved = 1;
         }
     }
 }
