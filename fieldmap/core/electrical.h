@@ -405,7 +405,7 @@ static inline void fieldmap_learn_tangent(fieldmap_electrical *e, const double *
         for (j = 0, e->right[k] = 0.0; j < n; j++) e->right[k] += e->tangent[k * n + j] * change[j];
         along += (e->total[k] - from[k]) * change[k], across += e->right[k] * change[k];
     }
-    if (!(along > 0.1 * across) || !(along < 10.0 * across)) return;
+    if (!(along > 1e-3 * across) || !(along < 1e3 * across)) return;
     for (k = 0; k < n; k++)
         for (j = 0; j < n; j++)
             e->tangent[k * n + j] +=
