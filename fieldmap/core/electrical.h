@@ -413,6 +413,20 @@ static inline void fieldmap_learn_tangent(fieldmap_electrical *e, const double *
     e->step = 0.0;
 }
 
+/* Along the last move of the guess: how far the linkages `total` lie below those of Faraday's law at a guess, times the move. The
+ * sum falls along a move that Newton's method takes, to zero where the step along it ends. */
+static inline double fieldmap_short_along(const fieldmap_electrical *e, const double *currents, const double *guess,
+                                          const double *total, double h)
+{
+    double sum = 0.0;
+    int k;
+    for (k = 0; k < e->n; k++) {
+        const double mean = 0.5 * (currents[k] + guess[k]);
+        sum += (e->linkage[k] + h * (e->given[k] - (e->resistance[k] + e->gain[k]) * mean) - total[k]) * e->moved[k];
+    }
+    return sum;
+}
+
 /* Advance the currents of the coils by a step of length h in which the body comes to a place, turned by r[9], and the weights
  * of the field with them. within: whether the currents lie where it is known how the field follows them. The status of the
  * map. */
@@ -422,8 +436,8 @@ static inline int fieldmap_drive_coils(fieldmap_electrical *e, fieldmap_superpos
 {
     const int n = e->n, saturating = of->iron != NULL, on_path = of->on_path, exact = !saturating && body->n_soft == 0;
     const int64_t unsolved = of->unsolved;
-    double left = 0.0, moved = 0.0;
-    int k, j, step, turned, met = 0, status = fieldmap_payload_along(field, body, place, r, of->scale, e->fields, e->along);
+    double left = 0.0, moved = 0.0, start, end, share;
+    int k, j, step, trial, turned, met = 0, status = fieldmap_payload_along(field, body, place, r, of->scale, e->fields, e->along);
     if (status != FIELDMAP_OK) return status;
     fieldmap_ask(e, commands, h);
     fieldmap_total_linkages(e, saturating, e->total);
@@ -440,17 +454,32 @@ static inline int fieldmap_drive_coils(fieldmap_electrical *e, fieldmap_superpos
             e->moved[k] = e->change[k] - e->moved[k], e->before[k] = e->total[k];
         }
         e->steps++;
-        /* Trials are no path of iron with hysteresis. */
-        of->on_path = 0;
-        *within = fieldmap_follow(of, e->guess, weights);
-        of->on_path = on_path;
-        fieldmap_path_forget(field);
-        if (!saturating) fieldmap_meet(e, NULL, e->guess);
-        else if (of->unsolved != unsolved) break;
-        else if (turned) fieldmap_meet_solved(e, of->iron, e->guess);
-        if (exact) break;
-        if (body->n_soft > 0) status = fieldmap_payload_along(field, body, place, r, of->scale, e->fields, e->along);
-        fieldmap_total_linkages(e, saturating, e->total);
+        for (k = 0; k < n; k++) e->right[k] = e->guess[k] - e->moved[k];
+        start = fieldmap_short_along(e, currents, e->right, e->before, h);
+        for (trial = 0; trial < FIELDMAP_ELECTRICAL_STEPS && status == FIELDMAP_OK; trial++) {
+            /* Trials are no path of iron with hysteresis. */
+            of->on_path = 0;
+            *within = fieldmap_follow(of, e->guess, weights);
+            of->on_path = on_path;
+            fieldmap_path_forget(field);
+            if (!saturating) fieldmap_meet(e, NULL, e->guess);
+            else if (of->unsolved != unsolved) break;
+            else if (turned) fieldmap_meet_solved(e, of->iron, e->guess);
+            if (exact) break;
+            if (body->n_soft > 0) status = fieldmap_payload_along(field, body, place, r, of->scale, e->fields, e->along);
+            fieldmap_total_linkages(e, saturating, e->total);
+            /* Iron that leaves saturation takes much more flux than the tangent has it. */
+            end = fieldmap_short_along(e, currents, e->guess, e->total, h);
+            if (!(end < -0.5 * start) || !(start > 0.0)) break;
+            share = fmax(start / (start - end), 0.1);
+            for (k = 0; k < n; k++) {
+                e->moved[k] *= share;
+                e->guess[k] = e->right[k] + e->moved[k];
+                e->change[k] = e->guess[k] - currents[k];
+            }
+            start *= share;
+        }
+        if (exact || (saturating && of->unsolved != unsolved)) break;
         met = fieldmap_step_met(e, currents, h, saturating ? of->iron->tolerance : 1e-9, &left);
         if (left > 1e-3) fieldmap_learn_tangent(e, e->before, e->moved);
         for (k = 0; k < n; k++) e->moved[k] = e->change[k];
