@@ -24,6 +24,7 @@ from validation import (
     current_maps,
     current_steps,
     drive_units,
+    electrical_side,
     fuzz,
     joints,
     mag_manip_program,
@@ -71,6 +72,7 @@ STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
     "fuzz": (fuzz.fuzz, 1500),
     "mag_manip": (mag_manip_program.mag_manip, 240),
     "thesis_dynamics": (thesis_dynamics.thesis_dynamics, 60),
+    "electrical_side": (electrical_side.electrical_side, 150),
     "thesis_statics": (thesis_statics.thesis_statics, 900),
 }
 

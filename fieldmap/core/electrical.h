@@ -22,8 +22,8 @@ enum {
     FIELDMAP_CURRENT_HIGHEST = 2
 };
 
-/* Newton steps of a step in time; rounds for what limits hold in one of them. */
-enum { FIELDMAP_ELECTRICAL_STEPS = 12, FIELDMAP_LIMIT_ROUNDS = 24 };
+/* Newton steps of a step in time; rounds for what limits hold in one of them, and the first of them, for all coils at once. */
+enum { FIELDMAP_ELECTRICAL_STEPS = 12, FIELDMAP_LIMIT_ROUNDS = 64, FIELDMAP_TOGETHER_ROUNDS = 8 };
 
 /* A coil and its drive. resistance: ohm, at the reference temperature; lower, upper: V, of the supply; proportional, V/A,
  * integral, V/(A s): gains of a current controller, both 0 of a source of voltage; current_lower, current_upper: A, where a
@@ -53,7 +53,7 @@ typedef struct fieldmap_electrical {
     const fieldmap_coil *coils;
     const double *inductance, *constant;
     double *linkage, *integral, *asked, *voltage, *heat, *input, *temperature, *source, *counted, *resistance;
-    double *met, *at, *guess, *change, *right, *given, *gain, *total, *moved, *before, *tangent, *factor, *slopes, *along, *weights, *each;
+    double *met, *at, *guess, *change, *right, *given, *gain, *total, *moved, *before, *tangent, *factor, *slopes, *along, *each;
     int64_t tangents, steps;
 } fieldmap_electrical;
 
@@ -62,7 +62,7 @@ enum { FIELDMAP_ELECTRICAL_ARRAYS = 20, FIELDMAP_ELECTRICAL_STATE = 8 };
 
 static inline size_t fieldmap_electrical_room(int n, int fields)
 {
-    return (size_t)n * (FIELDMAP_ELECTRICAL_ARRAYS + 2 * (size_t)n + (size_t)fields) + 5 * (size_t)fields;
+    return (size_t)n * (FIELDMAP_ELECTRICAL_ARRAYS + 2 * (size_t)n + (size_t)fields) + 4 * (size_t)fields;
 }
 
 /* Lay out the arrays in memory of fieldmap_electrical_room() numbers that are zero. */
@@ -76,7 +76,7 @@ static inline void fieldmap_electrical_start(fieldmap_electrical *e, double *mem
     int k;
     for (k = 0; k < FIELDMAP_ELECTRICAL_ARRAYS; k++, memory += n) *arrays[k] = memory;
     e->tangent = memory, e->factor = e->tangent + n * n, e->slopes = e->factor + n * n;
-    e->along = e->slopes + n * (size_t)e->fields, e->weights = e->along + e->fields, e->each = e->weights + e->fields;
+    e->along = e->slopes + n * (size_t)e->fields, e->each = e->along + e->fields;
     for (k = 0; k < e->n; k++) e->temperature[k] = e->coils[k].ambient;
 }
 
@@ -196,14 +196,14 @@ static inline void fieldmap_make_tangent(fieldmap_electrical *e, fieldmap_iron_s
                                          const double *currents)
 {
     const int n = e->n;
-    int k, j, status;
+    int k, j;
     e->tangents++;
     e->step = 0.0;
     if (iron == NULL) {
         memcpy(e->tangent, e->inductance, (size_t)(n * n) * sizeof(double));
     } else {
-        status = fieldmap_iron_linked_slopes(iron, currents, e->weights, e->slopes, e->right, e->factor);
-        if (status != FIELDMAP_OK) return;
+        if (fieldmap_iron_solve_at(iron, currents, iron->tolerance) != FIELDMAP_OK) return;
+        fieldmap_iron_slopes_here(iron, e->slopes, NULL, e->factor, 1);
         for (k = 0; k < n; k++)
             for (j = 0, e->at[k] = currents[k]; j < n; j++)
                 e->tangent[k * n + j] =
@@ -341,9 +341,13 @@ static inline void fieldmap_change_of_currents(fieldmap_electrical *e, const dou
             double given, gain, next;
             fieldmap_law_of_coil(e, k, e->source[k], currents[k], h, &given, &gain);
             next = fieldmap_next_source(e, k, given - gain * (currents[k] + 0.5 * e->change[k]), currents[k], e->change[k], h);
-            moved |= next != e->source[k];
-            /* After the last round the voltages are those of the sources that were taken. */
-            if (round < FIELDMAP_LIMIT_ROUNDS - 1) e->source[k] = next;
+            if (next == e->source[k]) continue;
+            /* All at once, coils that are coupled strongly may go round in circles. One by one, the first of them first, and
+             * from limit to limit by way of what is asked for, they come to an end: Murty's rule. After the last round the
+             * voltages are those of the sources that were taken. */
+            if (round >= FIELDMAP_TOGETHER_ROUNDS && next * e->source[k] == FIELDMAP_SUPPLY_LOWEST) next = FIELDMAP_ASKED;
+            if (round < FIELDMAP_LIMIT_ROUNDS - 1 && (!moved || round < FIELDMAP_TOGETHER_ROUNDS)) e->source[k] = next;
+            moved = 1;
         }
     }
 }
@@ -401,12 +405,26 @@ static inline void fieldmap_learn_tangent(fieldmap_electrical *e, const double *
         for (j = 0, e->right[k] = 0.0; j < n; j++) e->right[k] += e->tangent[k * n + j] * change[j];
         along += (e->total[k] - from[k]) * change[k], across += e->right[k] * change[k];
     }
-    if (!(along > 0.1 * across) || !(along < 10.0 * across)) return;
+    if (!(along > 1e-3 * across) || !(along < 1e3 * across)) return;
     for (k = 0; k < n; k++)
         for (j = 0; j < n; j++)
             e->tangent[k * n + j] +=
                 (e->total[k] - from[k]) * (e->total[j] - from[j]) / along - e->right[k] * e->right[j] / across;
     e->step = 0.0;
+}
+
+/* Along the last move of the guess: how far the linkages `total` lie below those of Faraday's law at a guess, times the move. The
+ * sum falls along a move that Newton's method takes, to zero where the step along it ends. */
+static inline double fieldmap_short_along(const fieldmap_electrical *e, const double *currents, const double *guess,
+                                          const double *total, double h)
+{
+    double sum = 0.0;
+    int k;
+    for (k = 0; k < e->n; k++) {
+        const double mean = 0.5 * (currents[k] + guess[k]);
+        sum += (e->linkage[k] + h * (e->given[k] - (e->resistance[k] + e->gain[k]) * mean) - total[k]) * e->moved[k];
+    }
+    return sum;
 }
 
 /* Advance the currents of the coils by a step of length h in which the body comes to a place, turned by r[9], and the weights
@@ -418,8 +436,8 @@ static inline int fieldmap_drive_coils(fieldmap_electrical *e, fieldmap_superpos
 {
     const int n = e->n, saturating = of->iron != NULL, on_path = of->on_path, exact = !saturating && body->n_soft == 0;
     const int64_t unsolved = of->unsolved;
-    double left = 0.0, moved = 0.0;
-    int k, j, step, turned, met = 0, status = fieldmap_payload_along(field, body, place, r, of->scale, e->fields, e->along);
+    double left = 0.0, moved = 0.0, start, end, share;
+    int k, j, step, trial, turned, met = 0, status = fieldmap_payload_along(field, body, place, r, of->scale, e->fields, e->along);
     if (status != FIELDMAP_OK) return status;
     fieldmap_ask(e, commands, h);
     fieldmap_total_linkages(e, saturating, e->total);
@@ -436,17 +454,32 @@ static inline int fieldmap_drive_coils(fieldmap_electrical *e, fieldmap_superpos
             e->moved[k] = e->change[k] - e->moved[k], e->before[k] = e->total[k];
         }
         e->steps++;
-        /* Trials are no path of iron with hysteresis. */
-        of->on_path = 0;
-        *within = fieldmap_follow(of, e->guess, weights);
-        of->on_path = on_path;
-        fieldmap_path_forget(field);
-        if (!saturating) fieldmap_meet(e, NULL, e->guess);
-        else if (of->unsolved != unsolved) break;
-        else if (turned) fieldmap_meet_solved(e, of->iron, e->guess);
-        if (exact) break;
-        if (body->n_soft > 0) status = fieldmap_payload_along(field, body, place, r, of->scale, e->fields, e->along);
-        fieldmap_total_linkages(e, saturating, e->total);
+        for (k = 0; k < n; k++) e->right[k] = e->guess[k] - e->moved[k];
+        start = fieldmap_short_along(e, currents, e->right, e->before, h);
+        for (trial = 0; trial < FIELDMAP_ELECTRICAL_STEPS && status == FIELDMAP_OK; trial++) {
+            /* Trials are no path of iron with hysteresis. */
+            of->on_path = 0;
+            *within = fieldmap_follow(of, e->guess, weights);
+            of->on_path = on_path;
+            fieldmap_path_forget(field);
+            if (!saturating) fieldmap_meet(e, NULL, e->guess);
+            else if (of->unsolved != unsolved) break;
+            else if (turned) fieldmap_meet_solved(e, of->iron, e->guess);
+            if (exact) break;
+            if (body->n_soft > 0) status = fieldmap_payload_along(field, body, place, r, of->scale, e->fields, e->along);
+            fieldmap_total_linkages(e, saturating, e->total);
+            /* Iron that leaves saturation takes much more flux than the tangent has it. */
+            end = fieldmap_short_along(e, currents, e->guess, e->total, h);
+            if (!(end < -0.5 * start) || !(start > 0.0)) break;
+            share = fmax(start / (start - end), 0.1);
+            for (k = 0; k < n; k++) {
+                e->moved[k] *= share;
+                e->guess[k] = e->right[k] + e->moved[k];
+                e->change[k] = e->guess[k] - currents[k];
+            }
+            start *= share;
+        }
+        if (exact || (saturating && of->unsolved != unsolved)) break;
         met = fieldmap_step_met(e, currents, h, saturating ? of->iron->tolerance : 1e-9, &left);
         if (left > 1e-3) fieldmap_learn_tangent(e, e->before, e->moved);
         for (k = 0; k < n; k++) e->moved[k] = e->change[k];

@@ -968,15 +968,17 @@ static inline int fieldmap_iron_weights(fieldmap_iron_state *state, const double
 }
 
 /* moved[3]: w dJ/dh (s - G change) at point p, the change of its moment with the current of a coil, for the derivative `change`
- * of the amplitudes. */
-FIELDMAP_INLINE void fieldmap_iron_moved(const fieldmap_iron *map, const fieldmap_iron_state *s, int p, int coil, double *moved)
+ * of the amplitudes; held: for amplitudes that do not change. */
+FIELDMAP_INLINE void fieldmap_iron_moved(
+    const fieldmap_iron *map, const fieldmap_iron_state *s, int p, int coil, int held, double *moved)
 {
     const int w = map->wide;
     const float *g = map->gradients + 3 * (size_t)p * (size_t)w;
     const double *d = s->susceptible + 6 * (size_t)p, *unit = map->source + 3 * (size_t)p * (size_t)map->n_coils + coil;
     double u[3];
     int i;
-    for (i = 0; i < 3; i++) u[i] = unit[i * map->n_coils] - fieldmap_iron_mixed_dot(g + i * w, s->change, w);
+    for (i = 0; i < 3; i++)
+        u[i] = unit[i * map->n_coils] - (held ? 0.0 : fieldmap_iron_mixed_dot(g + i * w, s->change, w));
     moved[0] = d[0] * u[0] + d[1] * u[1] + d[2] * u[2];
     moved[1] = d[1] * u[0] + d[3] * u[1] + d[4] * u[2];
     moved[2] = d[2] * u[0] + d[4] * u[1] + d[5] * u[2];
@@ -993,7 +995,7 @@ static inline void fieldmap_iron_left_of_slope(const fieldmap_iron *map, fieldma
     for (p = 0; p < map->p; p++) {
         const float *g = map->gradients + 3 * (size_t)p * (size_t)w;
         double m[3];
-        fieldmap_iron_moved(map, s, p, coil, m);
+        fieldmap_iron_moved(map, s, p, coil, 0, m);
         for (j = 0; j < w; j++) residual[j] += m[0] * (double)g[j] + m[1] * (double)g[w + j] + m[2] * (double)g[2 * w + j];
     }
     for (i = 0; i < r; i++) residual[i] -= fieldmap_iron_product(map->air + (size_t)i * (size_t)r, s->change, r);
@@ -1003,11 +1005,25 @@ static inline void fieldmap_iron_left_of_slope(const fieldmap_iron *map, fieldma
  * docs/theory/flux_linkage.md (3). */
 static inline void fieldmap_iron_link(const fieldmap_iron *map, const double *moments, double *linkages)
 {
-    const int coils = map->n_coils;
-    int c, i;
-    for (c = 0; c < coils; c++) linkages[c] = 0.0;
-    for (i = 0; i < 3 * map->p; i++)
-        for (c = 0; c < coils; c++) linkages[c] += map->source[(size_t)i * (size_t)coils + (size_t)c] * moments[i];
+    enum { LANES = 8, ROWS = 4 };
+    const int coils = map->n_coils, rows = 3 * map->p, whole = (rows - 1 - LANES / coils) / ROWS * ROWS;
+    int c, i, j;
+    for (c = 0; c < coils; c += LANES) {
+        const int width = coils - c < LANES ? coils - c : LANES;
+        const double *at = map->source + c;
+        double w[LANES] = {0}, x[LANES] = {0}, y[LANES] = {0}, z[LANES] = {0};
+        /* Lanes beyond the coils take numbers of the next rows, and no part in the sum. */
+        for (i = 0; i < whole; i += ROWS, at += ROWS * coils)
+            for (j = 0; j < LANES; j++) {
+                w[j] += at[j] * moments[i];
+                x[j] += at[coils + j] * moments[i + 1];
+                y[j] += at[2 * coils + j] * moments[i + 2];
+                z[j] += at[3 * coils + j] * moments[i + 3];
+            }
+        for (; i < rows; i++, at += coils)
+            for (j = 0; j < width; j++) w[j] += at[j] * moments[i];
+        for (j = 0; j < width; j++) linkages[c + j] = (w[j] + x[j]) + (y[j] + z[j]);
+    }
 }
 
 /* Fill linkages[n_coils], as fieldmap_iron_link, of the state of the last solve. */
@@ -1020,41 +1036,32 @@ static inline void fieldmap_iron_linkages(fieldmap_iron_state *s, double *linkag
     fieldmap_iron_link(map, s->vector, linkages);
 }
 
-/* Fill inductance[k * n_coils + coil] for all coils k, the derivatives of linkages of the iron by the current of a coil, times
- * mu0. change: the derivative of the amplitudes, susceptible: that of the moments. Equation (4). */
-static inline void fieldmap_iron_inductance(const fieldmap_iron *map, const fieldmap_iron_state *s, int coil, double *inductance)
+/* Fill inductance[n_coils], the derivatives of the linkages of the iron by the current of a coil, times mu0. change: the
+ * derivative of the amplitudes, susceptible: that of the moments. Equation (4); rough: with what the amplitudes do from the
+ * tangent's sums in single precision, some ten times faster. */
+static inline void fieldmap_iron_inductance(const fieldmap_iron *map, fieldmap_iron_state *s, int coil, int rough, double *inductance)
 {
-    const int coils = map->n_coils;
-    int i, k, p;
-    for (p = 0; p < map->p; p++) {
-        const double *unit = map->source + 3 * (size_t)p * (size_t)coils;
-        double moved[3];
-        fieldmap_iron_moved(map, s, p, coil, moved);
-        for (k = 0; k < coils; k++)
-            for (i = 0; i < 3; i++) inductance[k * coils + coil] += unit[i * coils + k] * moved[i];
-    }
+    const int w = map->wide;
+    int p, k;
+    for (p = 0; p < map->p; p++) fieldmap_iron_moved(map, s, p, coil, rough, s->step_h + 3 * (size_t)p);
+    fieldmap_iron_link(map, s->step_h, inductance);
+    for (k = 0; k < map->n_coils && rough; k++)
+        inductance[k] -= fieldmap_iron_mixed_dot(s->sides + (size_t)k * (size_t)w, s->change, w);
 }
 
-/* As fieldmap_iron_weights, to a hundredth of the tolerance; also fills slopes[n_coils * f + c] = d weights[f] / d currents[c],
- * 1/A, and, unless they are NULL, linkages[n_coils] and inductance[n_coils * n_coils] of the iron, times mu0. */
-static inline int fieldmap_iron_linked_slopes(fieldmap_iron_state *state, const double *currents, double *weights,
-    double *slopes, double *linkages, double *inductance)
+/* Of the state of the last solve: fill slopes[n_coils * f + c] = d weights[f] / d currents[c], 1/A, and, unless they are NULL,
+ * linkages[n_coils] and inductance[n_coils * n_coils] of the iron, times mu0; rough: see fieldmap_iron_inductance. */
+static inline void fieldmap_iron_slopes_here(
+    fieldmap_iron_state *state, double *slopes, double *linkages, double *inductance, int rough)
 {
-    const fieldmap_iron *map;
-    int c, f, i, k, r, w, coils, status;
-    if (state == NULL || state->map == NULL || currents == NULL || weights == NULL || slopes == NULL)
-        return FIELDMAP_ARGUMENT;
-    map = state->map;
-    r = map->r, w = map->wide, coils = map->n_coils;
-    status = fieldmap_iron_solve_at(state, currents, 0.01 * state->tolerance);
-    for (f = 0; f < map->n_fields; f++) weights[f] = status == FIELDMAP_OK ? state->solution[f] : (double)NAN;
-    for (f = 0; f < map->n_fields * coils; f++) slopes[f] = status == FIELDMAP_OK ? 0.0 : (double)NAN;
-    if (status != FIELDMAP_OK) return status;
+    const fieldmap_iron *map = state->map;
+    const int r = map->r, w = map->wide, coils = map->n_coils;
+    int c, f, i, k;
+    for (f = 0; f < map->n_fields * coils; f++) slopes[f] = 0.0;
     for (i = 0; i < w; i++) state->rest[i] = i < r ? state->amplitudes[(FIELDMAP_IRON_PASSED - 1) * r + i] : 0.0;
     fieldmap_iron_field_at(map, state, state->rest);
     fieldmap_iron_tangent(map, state, coils);
     if (linkages != NULL) fieldmap_iron_link(map, state->moved, linkages);
-    for (f = 0; f < (inductance != NULL ? coils * coils : 0); f++) inductance[f] = 0.0;
     for (c = 0; c < coils; c++) {
         slopes[c * coils + c] = 1.0;
         for (i = 0; i < r; i++) state->left[i] = (double)state->sides[(size_t)c * (size_t)w + (size_t)i];
@@ -1068,8 +1075,21 @@ static inline int fieldmap_iron_linked_slopes(fieldmap_iron_state *state, const 
         }
         for (f = 0; f < map->k; f++)
             slopes[(coils + f) * coils + c] = fieldmap_iron_product(map->output + (size_t)f * (size_t)r, state->change, r);
-        if (inductance != NULL) fieldmap_iron_inductance(map, state, c, inductance);
+        if (inductance != NULL) fieldmap_iron_inductance(map, state, c, rough, inductance + (size_t)c * (size_t)coils);
     }
+}
+
+/* As fieldmap_iron_weights, to a hundredth of the tolerance, and fieldmap_iron_slopes_here. */
+static inline int fieldmap_iron_linked_slopes(fieldmap_iron_state *state, const double *currents, double *weights,
+    double *slopes, double *linkages, double *inductance)
+{
+    int f, status;
+    if (state == NULL || state->map == NULL || currents == NULL || weights == NULL || slopes == NULL)
+        return FIELDMAP_ARGUMENT;
+    status = fieldmap_iron_solve_at(state, currents, 0.01 * state->tolerance);
+    for (f = 0; f < state->map->n_fields; f++) weights[f] = status == FIELDMAP_OK ? state->solution[f] : (double)NAN;
+    if (status == FIELDMAP_OK) fieldmap_iron_slopes_here(state, slopes, linkages, inductance, 0);
+    for (f = 0; f < state->map->n_fields * state->map->n_coils && status != FIELDMAP_OK; f++) slopes[f] = (double)NAN;
     return status;
 }
 

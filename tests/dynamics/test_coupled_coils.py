@@ -327,6 +327,28 @@ def test_a_supply_limits_a_current_controller_which_does_not_wind_up(axial):
     assert back == pytest.approx(-3.0 + 5.0 * np.exp(-80.0 * times[:100]), rel=1e-4)
 
 
+def test_stiff_controllers_of_strongly_coupled_coils_stay_within_the_supply(axial):
+    """Each voltage is what keeps the currents of the start, and P (asked - mean current), within the supply: the only
+    voltages for which Faraday's law holds too."""
+    row = np.array([2.9, -0.95, -0.35, -0.2, -0.35, -0.95])
+    inductance = np.array([np.roll(row, k) for k in range(6)])
+    of = replace(superposed(axial.map(*[TWO[0]] * 6)), linkage=StoredLinkage(inductance, np.zeros(6)))
+    gain, supply, ohms, random = 1e5, 40.0, np.full(6, 4.25), np.random.default_rng(0)
+    drive = {"mode": "current_controller", "controller": CurrentController(proportional=gain, integral=0.0)}
+    bench = Bench(of, ohms, 1e-4, np.full(6, 1.5), **drive, supply=(-supply, supply))
+    limited = 0
+    for _ in range(300):
+        before, asked = bench.currents.copy(), 1.5 + 0.05 * random.normal(size=6)
+        middle = 0.5 * (before + bench.run(1, asked)[0])
+        voltage = bench.core.coil_state.voltage
+        given = 2e4 * inductance @ (middle - before) + ohms * middle
+        assert voltage == pytest.approx(given, abs=1e-6)
+        wanted = np.clip(ohms * 1.5 + gain * (asked - middle), -supply, supply)
+        assert voltage == pytest.approx(wanted, abs=1e-6)
+        limited += np.sum(np.abs(voltage) == supply)
+    assert 300 < limited < 1790
+
+
 def test_limits_of_a_source_of_voltage(axial):
     """Supply, current and slope; the current leaves its limit as soon as the voltage asks it to."""
     limited = Amplifier(1.0, current_lower=-1.0, current_upper=1.2)
