@@ -57,7 +57,7 @@ STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
     "unit_other_form": (drive_units.unit_other_form, 30),
     "unit_saturated": (drive_units.unit_saturated, 220),
     "eight_coils": (current_maps.eight_coils, 150),
-    "many_coils": (many_coils.many_coils, 160),
+    "many_coils": (many_coils.many_coils, 300),
     "shipped_maps": (current_maps.shipped_maps, 2400),
     "reaction": (reaction.reaction, 400),
     "current_steps": (current_steps.current_steps, 300),
