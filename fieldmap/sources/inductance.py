@@ -1,5 +1,6 @@
 """Inductances of windings in air, with uniform current density over their sections."""
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,6 +9,7 @@ from fieldmap.constants import MU0
 from fieldmap.device.background import Background
 from fieldmap.device.coils import Coil
 from fieldmap.kernels.coils.neumann import neumann_sum
+from fieldmap.parallel import results_of
 from fieldmap.sources import line_currents
 from fieldmap.sources.coils import unit_flux_density
 from fieldmap.sources.winding_rules import WindingRule, current_elements, flux_elements
@@ -52,8 +54,14 @@ def bare_inductance(coils: Sequence[Coil]) -> Array:
             matrix[k, k] = np.sum(unit_flux_density(coil, rule.points, digits=7) * rule.vectors)
         else:
             matrix[k, k] = line_currents.self_inductance(coil)
-        for j in range(k):
-            matrix[k, j] = matrix[j, k] = _mutual(coil, elements[k], coils[j], elements[j])
+    pairs = list(itertools.combinations(range(len(coils)), 2))
+
+    def mutual(pair: tuple[int, int]) -> float:
+        j, k = pair
+        return _mutual(coils[k], elements[k], coils[j], elements[j])
+
+    for (j, k), found in zip(pairs, results_of(mutual, pairs), strict=True):
+        matrix[k, j] = matrix[j, k] = found
     return matrix
 
 

@@ -296,8 +296,8 @@ def test_without_parts_no_part_is_known():
 
 def test_where_modes_cannot_hold_the_states_points_are_not_tried_in_vain(tmp_path, monkeypatch):
     """Six modes of ten states and their tangents, where two hundred would hold all of these."""
-    monkeypatch.setattr(sequence, "MOST_MODES", 6)
-    monkeypatch.setattr(training, "MOST_MODES", 6)
+    for module in (sequence, training):
+        monkeypatch.setattr(module, "most_modes_of", lambda domain: 6)
     monkeypatch.setattr(condensation, "_STATES", 60)
     chosen = []
 

@@ -7,10 +7,12 @@ import pytest
 
 from fieldmap.currents import CurrentDomain, IndependentCurrents
 from fieldmap.device.model import CircularCoil
+from fieldmap.iron.solvers.nonlinear import StateImage
 from fieldmap.maps.forecast import Forecast
+from fieldmap.maps.training import states as of_states
 from fieldmap.maps.training.plan import Plan
 from fieldmap.maps.training.sequence import Training
-from fieldmap.maps.training.states import SolvedStates
+from fieldmap.maps.training.states import SolvedStates, Stored
 from fieldmap.parallel import Common, Workers
 from fieldmap.store import Checkpoint
 
@@ -85,3 +87,34 @@ def test_it_takes_no_state_of_other_currents_or_of_another_map(stopped):
     np.testing.assert_allclose(tried.potentials, POTENTIALS @ other.T, rtol=1e-14)
     train(stopped, solver := LinearIron(), fingerprint="two")
     assert len(solver.solved) == 5
+
+
+@pytest.mark.parametrize("stops", [None, 4])
+def test_large_tangents_stay_on_the_disk_and_change_no_number(tmp_path, monkeypatch, stops):
+    """Of states that were just solved, and of those that an earlier run solved."""
+    monkeypatch.setattr(of_states, "_LARGE", 0)
+    path = tmp_path / "map.kept"
+    if stops is not None:
+        with pytest.raises(KeyboardInterrupt):
+            train(path, LinearIron(stops))
+    domain = CurrentDomain(IndependentCurrents(2), np.array([-1.0, 0.0]), np.array([2.0, 1.0]))
+    forecast = Forecast(lambda text, share: None, dict.fromkeys(("training", "random", "points"), 1.0))
+    with Checkpoint(path, "one") as checkpoint:
+        states = SolvedStates(checkpoint, Common.of(LinearIron()), Workers())
+        known = Training(LinearIron(), domain, PLAN, np.zeros((1, 3)), states, forecast).known
+        for number, values in enumerate(known.currents):
+            held, whole = known.held(number), known.state(number)
+            assert isinstance(held, Stored)
+            np.testing.assert_array_equal(held.potential, POTENTIALS @ values)
+            # Steps of an eighth of the ranges.
+            steps = POTENTIALS @ np.diag([3.0, 1.0]) / 8.0
+            np.testing.assert_allclose(whole.tangents, steps, rtol=1e-14)
+            both = np.column_stack([held.potential, whole.tangents])
+            np.testing.assert_array_equal(whole.air, 2.0 * both)
+            turned = StateImage(np.array([1, 0]), np.ones(2), np.array([3, 2, 1, 0]), -1.0)
+            np.testing.assert_array_equal(held.image(turned).tangents, -whole.tangents[::-1])
+        # What is trained on later is read from the disk later.
+        again = known.some([0, 1])
+        again.add(known.currents[2], known.held(2))
+        assert all(isinstance(again.held(number), Stored) for number in range(3))
+        np.testing.assert_array_equal(again.nearest(known.currents[2]), known.held(2).potential)

@@ -361,11 +361,19 @@ def test_modes_hold_the_states_and_their_tangents(solver):
     assert np.ptp(ours - truth) < 0.02 * np.ptp(truth)
 
 
-def test_modes_of_many_columns_leave_no_more_than_the_best_there_are(solver, monkeypatch):
+@pytest.mark.parametrize("limit", ["_AS_THEY_ARE", "_NUMBERS"])
+def test_modes_of_many_columns_leave_no_more_than_the_best_there_are(solver, monkeypatch, limit):
     """Sought in ten combinations of eighteen columns and their images, they hold as much of their energy as modes of
     the same number can (Eckart and Young)."""
     monkeypatch.setattr(modes_of, "_MORE", 4)
-    monkeypatch.setattr(modes_of, "_AS_THEY_ARE", 1)
+    monkeypatch.setattr(modes_of, limit, 1)
+    blocks, block = [], modes_of._Columns.block
+
+    def noted(columns, most):
+        blocks.append(block(columns, most))
+        return blocks[-1]
+
+    monkeypatch.setattr(modes_of._Columns, "block", noted)
     known = snapshots(solver, True, [1.0, 0.5], [1.6, 1.4], [0.7, 1.9], [2.0, 0.2], [0.4, 1.0], [1.9, 1.7])
     energy = solver.energy_operator(known.currents[0], known.state(0).potential)
     columns = []
@@ -377,6 +385,7 @@ def test_modes_of_many_columns_leave_no_more_than_the_best_there_are(solver, mon
     products = columns.T @ energy(columns)
     best = np.linalg.eigvalsh(0.5 * (products + products.T))[:-6].sum()
     modes = SolvedModes(solver, known, 6, 0.0)
+    assert [found.shape[1] for found, _ in blocks] == [10]
     left = columns - modes.basis @ (modes.basis.T @ energy(columns))
     of_each = np.einsum("ns,ns->s", left, energy(left))
     assert best * (1 - 1e-6) < of_each.sum() < 1.01 * best

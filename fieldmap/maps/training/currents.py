@@ -114,10 +114,12 @@ def extreme_signals(domain: CurrentDomain) -> Array:
     lines = itertools.product(range(d), (1.0, 0.5, 0.02), (0.0, 1.0))
     rows = [moved([(k, neutral[k] + way * (end - neutral[k]))]) for k, way, end in lines]
     rows += [np.full(d, share) for share in (0.25, 0.5, 0.75)]
-    ends = itertools.product(itertools.combinations(range(d), 2), (0.0, 1.0), (0.0, 1.0))
-    pairs = [moved([(pair[0], one), (pair[1], other)]) for pair, one, other in ends]
+    pairs = [
+        [(pair[0], one), (pair[1], other)]
+        for pair, one, other in itertools.product(itertools.combinations(range(d), 2), (0.0, 1.0), (0.0, 1.0))
+    ]
     order = np.random.default_rng(_ORDER_SEED).permutation(len(pairs))[:_MOST_PAIRS]
-    rows += [pairs[k] for k in order]
+    rows += [moved(pairs[k]) for k in order]
     signals = domain.parametrisation.within(domain.lower, domain.upper, np.array(rows).reshape(-1, d))
     signals = np.concatenate([signals, corner_signals(domain)])
     # Without currents the field is that of magnets and background alone.

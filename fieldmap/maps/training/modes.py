@@ -90,8 +90,9 @@ def output_fields(amplitudes: Array, fields: Array, most: int, tolerance: float)
 # method makes them more accurate than this.
 _TOLERANCE = 1e-3
 # Randomised subspace iteration, for many columns: number of combinations beyond the number of modes, number of passes
-# over all columns, and the seed. Up to `_AS_THEY_ARE` times as many columns as combinations are used without it.
-_MORE, _PASSES, _SEED, _AS_THEY_ARE = 40, 3, 20265, 4
+# over all columns, and the seed. Up to `_AS_THEY_ARE` times as many columns as combinations are used without it, if
+# they have at most `_NUMBERS` numbers.
+_MORE, _PASSES, _SEED, _AS_THEY_ARE, _NUMBERS = 40, 3, 20265, 4, 2**26
 
 
 class SolvedModes:
@@ -199,7 +200,7 @@ class _Columns:
         N. Halko, P.-G. Martinsson, J. A. Tropp, SIAM Review 53 (2011) 217, algorithm 4.4.
         """
         count = len(self.energies)
-        if count <= _AS_THEY_ARE * most:
+        if count <= _AS_THEY_ARE * most and count * self.tangent.shape[0] <= _NUMBERS:
             pairs = list(zip(self._snapshots.states, self.sizes, strict=True))
             vectors = np.concatenate([_vectors(state) / size for state, size in pairs], axis=1)
             return vectors, np.concatenate([state.air / size for state, size in pairs], axis=1)

@@ -175,7 +175,7 @@ def add_missing(training: Training, modes: SolvedModes, tried: Snapshots) -> Sna
     for k in modes.missing(tried, training.plan.accuracy) if tried.solved else ():
         # The state may be an image of another one that was just added.
         if training.known.number(tried.currents[k]) is None:
-            training.known.add(tried.currents[k], tried.state(int(k)))
+            training.known.add(tried.currents[k], tried.held(int(k)))
     return tried.without(training.known)
 
 

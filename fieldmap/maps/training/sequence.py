@@ -15,7 +15,7 @@ from fieldmap.maps.training.modes import SolvedModes
 from fieldmap.maps.training.plan import Plan
 from fieldmap.maps.training.reduction import Reduction
 from fieldmap.maps.training.sampling import OF_STATES, ROUNDS, sampled
-from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates, Wanted
+from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates, Stored, Wanted
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -26,9 +26,12 @@ _SOLVED_BETTER = 10.0
 # Allowed projection error of a state onto the modes, in the energy norm, as a multiple of the accuracy.
 _MODES = 0.2
 # If the projection error of a training state is larger than `_TOO_FEW_MODES` times the accuracy, the limit of the
-# recipe is raised to `MOST_MODES`. If that is not enough, more states or points do not help and the map is refused; the
-# choice of sample points then has `_ROUNDS_IN_VAIN` rounds, which only serve to state the error.
-MOST_MODES, _TOO_FEW_MODES, _ROUNDS_IN_VAIN = 200, 4.0, 2
+# recipe is raised to `most_modes_of` the domain. If that is not enough, more states or points do not help and the map
+# is refused; the choice of sample points then has `_ROUNDS_IN_VAIN` rounds, which only serve to state the error.
+_TOO_FEW_MODES, _ROUNDS_IN_VAIN = 4.0, 2
+# Many signals that each saturate their own iron need modes of their own: number of modes for each signal that are
+# allowed from the beginning, and after the limit was raised. Few signals have the numbers of the recipe and of `_MOST`.
+_MODES_PER_SIGNAL, _MOST_PER_SIGNAL, _MOST = 5, 12, 200
 # Tolerance, as a multiple of the accuracy, of a state with the law at all points whose error is measured.
 _EXACT = 0.01
 # Sample points per unknown, for second-order tetrahedra with four points each.
@@ -58,7 +61,8 @@ class Training:
     rounds : errors of the predictions of each round of the sequence.
     currents : (m, c), of the whole sequence, A.
     taken : number of states of the sequence that were solved or failed.
-    most_modes : most modes; the limit of the recipe, or `MOST_MODES` after that was too small.
+    most_modes : most modes; the limit of the recipe or of the number of signals, or `most_modes_of` the domain after
+        that was too small.
     trial : compares fields at points in the air.
     """
 
@@ -75,7 +79,9 @@ class Training:
         self.states, self.forecast = states, forecast
         self.trial = Trial(solver, points, domain.largest)
         self.tolerance = max(plan.tolerance, _SOLVED_BETTER * plan.accuracy)
-        self.most_modes = plan.modes
+        self.most_modes = min(
+            modes_at_first(plan, domain.parametrisation.signal_count), most_modes_of(domain)
+        )
         self.known = Snapshots(solver, domain.holds)
         self.rounds: list[Round] = []
         self._off = bool(solver.device.fixed_sources)
@@ -90,8 +96,8 @@ class Training:
         return self.taken >= self.plan.states or not self.known.solved
 
     def more_modes(self) -> bool:
-        """Raise the limit of modes to `MOST_MODES`. Returns whether it was smaller before."""
-        before, self.most_modes = self.most_modes, max(self.most_modes, MOST_MODES)
+        """Raise the limit of modes to `most_modes_of` the domain. Returns whether it was smaller before."""
+        before, self.most_modes = self.most_modes, max(self.most_modes, most_modes_of(self.domain))
         return self.most_modes > before
 
     def go_on(self) -> None:
@@ -133,7 +139,9 @@ class Training:
             starts = [np.asarray(first.potential + along @ step) for step in steps]
         self.solve(range(1, self.taken), starts, needed)
 
-    def solve(self, numbers: range, starts: Sequence[Array | None], needed: int) -> list[Solved | None]:
+    def solve(
+        self, numbers: range, starts: Sequence[Array | None], needed: int
+    ) -> list[Solved | Stored | None]:
         """Solve states of the sequence, and train on those that converge.
 
         Parameters
@@ -147,7 +155,7 @@ class Training:
 
         Returns
         -------
-        list[Solved | None]
+        list[Solved | Stored | None]
             The states; None for one that failed.
         """
         most, forecast, images = self.plan.states, self.forecast, self.solver.images
@@ -264,7 +272,7 @@ class Training:
         """Choose the sample points. extremes (m, c): currents at which they are tested, with others."""
         charge = self.solver.charge_density(modes.basis)
         fields = ModeFields(self.trial, *self.trial.fields(charge))
-        in_vain = modes.model.modes >= self.most_modes >= MOST_MODES and self.too_few(modes)
+        in_vain = modes.model.modes >= self.most_modes >= most_modes_of(self.domain) and self.too_few(modes)
 
         def tell(message: str, share: float) -> None:
             # The time of the conditions does not predict that of the choice. Until they are done the forecast stands.
@@ -293,6 +301,16 @@ class Training:
         charge = self.solver.charge_density(pair)
         share = self.trial.shares(tried.currents[number][None], charge.sum(axis=0)[None], charge[1][None])
         return float(larger(share)[0])
+
+
+def modes_at_first(plan: Plan, signals: int) -> int:
+    """Most modes of a model for so many signals, unless a state falls short."""
+    return max(plan.modes, _MODES_PER_SIGNAL * signals)
+
+
+def most_modes_of(domain: CurrentDomain) -> int:
+    """Most modes of a model for these currents."""
+    return max(_MOST, _MOST_PER_SIGNAL * domain.parametrisation.signal_count)
 
 
 def next_round(training: Training, numbers: range, needed: int) -> Round | None:

@@ -1,5 +1,6 @@
 """The solved states that train a reduced model: how they are solved and kept, and their images by symmetry."""
 
+import shutil
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from time import monotonic
@@ -11,13 +12,15 @@ from fieldmap.iron.solvers.nonlinear import StateImage
 from fieldmap.maps.training.currents import is_among
 from fieldmap.parallel import Common, Outcome, WorkerDied, Workers
 from fieldmap.records import Record
-from fieldmap.store import Checkpoint
+from fieldmap.store import Checkpoint, Piece
 from fieldmap.typing import Array
 
 # Errors of the machine, not of the state: a later run, or one on another machine, can solve it.
 _OF_THE_MACHINE = (WorkerDied, MemoryError, OSError)
 # Names of a solved state's arrays in the checkpoint.
 _ARRAYS = ("potential", "tangents", "air")
+# Tangents of a state, and the air operator times these, of more bytes than this stay on the disk.
+_LARGE = 2**24
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,6 +45,24 @@ class Solved(Record):
         return Solved(of.potential(self.potential), of.potential(self.tangents), of.potential(self.air))
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Stored(Record):
+    """A solved state whose tangents stay on the disk, because those of many coils fill the memory.
+
+    Attributes
+    ----------
+    potential : (n,), nodal potential.
+    read : reads the whole state.
+    """
+
+    potential: Array
+    read: Callable[[], Solved]
+
+    def image(self, of: StateImage) -> Solved:
+        """The image of this state by a symmetry."""
+        return self.read().image(of)
+
+
 class Snapshots:
     """Solved states and their currents, in the order in which they were added, with images by symmetry.
 
@@ -62,7 +83,7 @@ class Snapshots:
     ) -> None:
         self._solver, self._admits = solver, admits
         self._currents: list[Array] = []
-        self._states: list[tuple[Solved, StateImage | None]] = []
+        self._states: list[tuple[Solved | Stored, StateImage | None]] = []
 
     @property
     def own(self) -> tuple[bool, ...]:
@@ -92,11 +113,16 @@ class Snapshots:
         return (self.state(k) for k in range(len(self._states)))
 
     def state(self, number: int) -> Solved:
-        """State `number`; an image is computed now."""
+        """State `number`; an image is computed now, and tangents on the disk are read now."""
+        held = self.held(number)
+        return held.read() if isinstance(held, Stored) else held
+
+    def held(self, number: int) -> Solved | Stored:
+        """State `number` as `add` takes it: tangents on the disk stay there."""
         of, image = self._states[number]
         return of if image is None else of.image(image)
 
-    def add(self, currents: Array, state: Solved) -> None:
+    def add(self, currents: Array, state: Solved | Stored) -> None:
         """Add a solved state of currents (c,), and its images that `admits` allows."""
         self._put(currents, state, None)
         for image in self._solver.images:
@@ -104,7 +130,7 @@ class Snapshots:
             if self.number(values) is None and self._admits(values):
                 self._put(values, state, image)
 
-    def _put(self, currents: Array, state: Solved, image: StateImage | None) -> None:
+    def _put(self, currents: Array, state: Solved | Stored, image: StateImage | None) -> None:
         self._currents.append(currents)
         self._states.append((state, image))
 
@@ -140,7 +166,7 @@ class Snapshots:
             return None
         away = np.linalg.norm(self.currents - currents, axis=1)
         best = int(np.where(np.abs(self.currents).max(axis=1) > 0, away, np.inf).argmin())
-        return self.state(best).potential if self._currents[best].any() else None
+        return self.held(best).potential if self._currents[best].any() else None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -166,7 +192,7 @@ class Wanted(Record):
 class TriedState(Record):
     """The outcome of a solve: the state, or the reason of its failure; seconds of wall-clock and of processor time."""
 
-    state: Solved | str
+    state: Solved | Stored | str
     seconds: float
     processor_seconds: float
 
@@ -189,18 +215,24 @@ class SolvedStates:
         self.earlier_seconds = self.earlier_processor_seconds = 0.0
         self._counted: set[int] = set()
 
+    @property
+    def free_disk(self) -> int:
+        """Bytes of the disk that states may take, those of earlier runs included."""
+        path = self._checkpoint.path
+        return shutil.disk_usage(path.parent).free + path.stat().st_size
+
     def known(self, number: int, currents: Array) -> TriedState | None:
         """The state of this number, or None if it was never tried, or with other currents than these (c,)."""
         piece = self._checkpoint.get(_key(number))
         if piece is None or not np.array_equal(piece.arrays["currents"], currents):
             return None
         failed = piece.about["failed"]
-        state = Solved(*(piece.arrays[name] for name in _ARRAYS)) if failed is None else str(failed)
+        state = self._without_large(number, _of(piece)) if failed is None else str(failed)
         return TriedState(state, *map(float, piece.about["costs"]))
 
     def solve(
         self, wanted: Sequence[Wanted], tolerance: float, tell: Callable[[int], None]
-    ) -> list[Solved | None]:
+    ) -> list[Solved | Stored | None]:
         """Solve states.
 
         Parameters
@@ -214,7 +246,7 @@ class SolvedStates:
 
         Returns
         -------
-        list[Solved | None]
+        list[Solved | Stored | None]
             The states in the order of `wanted`; None for one that could not be solved.
         """
         known = (self.known(state.number, state.currents) for state in wanted)
@@ -247,9 +279,21 @@ class SolvedStates:
         costs = (seconds, outcome.processor_seconds)
         about = {"failed": failed, "costs": costs}
         self._checkpoint.put(_key(state.number), {"currents": state.currents, **solved}, about)
-        return TriedState(failed or outcome.result(), *costs)
+        return TriedState(failed or self._without_large(state.number, outcome.result()), *costs)
 
-    def _counting(self, number: int, state: Solved | str) -> Solved | None:
+    def _without_large(self, number: int, state: Solved) -> Solved | Stored:
+        """A state of the checkpoint; where its tangents are large they are only there."""
+        if state.tangents.nbytes + state.air.nbytes <= _LARGE:
+            return state
+
+        def read() -> Solved:
+            piece = self._checkpoint.get(_key(number))
+            assert piece is not None
+            return _of(piece)
+
+        return Stored(state.potential, read)
+
+    def _counting(self, number: int, state: Solved | Stored | str) -> Solved | Stored | None:
         new = number not in self._counted
         self._counted.add(number)
         if isinstance(state, str):
@@ -257,6 +301,10 @@ class SolvedStates:
             return None
         self.count += new
         return state
+
+
+def _of(piece: Piece) -> Solved:
+    return Solved(*(piece.arrays[name] for name in _ARRAYS))
 
 
 def _key(number: int) -> str:

@@ -9,6 +9,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,9 +26,10 @@ from fieldmap.maps.training.model_error import Errors
 from fieldmap.maps.training.modes import output_fields, solved, solved_from
 from fieldmap.maps.training.plan import Plan
 from fieldmap.maps.training.reduction import Reduction, model_of_map
+from fieldmap.maps.training.room import require_room
 from fieldmap.maps.training.search import ExtremesTried, allowed, search_condensed, search_worst, try_extremes
-from fieldmap.maps.training.sequence import MOST_MODES, Training
-from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates
+from fieldmap.maps.training.sequence import Training, modes_at_first, most_modes_of
+from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates, Stored
 from fieldmap.records import Record
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
@@ -105,7 +107,10 @@ def train(
     ------
     NotConverged
         If less than half of the states, or no state to test the model, could be solved.
+    InputError
+        If the machine has no room for so many currents, before a state is solved.
     """
+    require_room(solver, domain, plan, partial(modes_at_first, plan), states.free_disk)
     training = Training(solver, domain, plan, points, states, forecast)
     tries = Tries()
     while True:
@@ -192,7 +197,7 @@ def _trained_and_tried(training: Training, tries: Tries) -> Reduction:
         # sequence goes on. The model is never trained on the random states.
         off = reduction.off(tried["at random"])
         more, worst = bool(off.max(initial=0.0) > allowed(training)), int(off.argmax()) if len(off) else -1
-        short: list[tuple[Array, Solved]] = []
+        short: list[tuple[Array, Solved | Stored]] = []
         # The search finds errors that extremes and random states do not show.
         if not more:
             number = first + len(random) + tries.searches * STARTS
@@ -209,7 +214,9 @@ def _trained_and_tried(training: Training, tries: Tries) -> Reduction:
         _train_on(training, reduction, short)
 
 
-def _train_on(training: Training, reduction: Reduction, short: Sequence[tuple[Array, Solved]]) -> None:
+def _train_on(
+    training: Training, reduction: Reduction, short: Sequence[tuple[Array, Solved | Stored]]
+) -> None:
     """Add states to the training. If the model has the most modes already, raise their limit."""
     if reduction.sampled.modes >= training.most_modes:
         training.more_modes()
@@ -219,7 +226,7 @@ def _train_on(training: Training, reduction: Reduction, short: Sequence[tuple[Ar
 
 def _fall_short(
     training: Training, reduction: Reduction, tried: Sequence[Snapshots]
-) -> list[tuple[Array, Solved]]:
+) -> list[tuple[Array, Solved | Stored]]:
     """States that the model must be trained on, with their currents; images are left out.
 
     If an error at any of the tested states is larger than allowed, these are all states with errors above the accuracy.
@@ -231,7 +238,7 @@ def _fall_short(
     found = []
     for some, of_some in zip(tried, off, strict=True):
         lacking = np.flatnonzero(of_some > training.plan.accuracy)
-        found += [(some.currents[k], some.state(int(k))) for k in lacking if some.own[k]]
+        found += [(some.currents[k], some.held(int(k))) for k in lacking if some.own[k]]
     return found
 
 
@@ -370,7 +377,7 @@ def _error_parts(training: Training, reduction: Reduction, condensed: CondensedA
     # Number of each, and whether it reached its limit.
     parts = {
         "states": (training.taken, training.at_its_end),
-        "modes": (modes, modes >= max(training.most_modes, MOST_MODES)),
+        "modes": (modes, modes >= max(training.most_modes, most_modes_of(training.domain))),
         "points": (len(reduction.sampled.weights), not (reduction.points.enough or reduction.in_vain)),
         "fields": (fields, fields >= _MOST_FIELDS),
     }
