@@ -106,7 +106,6 @@ for name, points in (("random", at_random), ("neighbours", near)):
     ratios[name + " first"] = times[id(large)][0] / times[id(small)][0]
 flux = [one.field(at_random, currents) for one in (large, small)]
 apart = np.linalg.norm(flux[0] - flux[1], axis=1).max() / np.linalg.norm(flux[1], axis=1).max()
-bound = large.error_bound
 done(opening=opening, apart=float(apart), size=Path({path!r}).stat().st_size, cells=large.nbytes, **ratios)
 """
 
