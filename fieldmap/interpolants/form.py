@@ -16,6 +16,7 @@ from fieldmap.core.block import set_size
 from fieldmap.errors import InputError, MapFileError
 from fieldmap.records import Record
 from fieldmap.store import FieldError, Grid, LargeMap, MapData, MapInfo
+from fieldmap.store.map_data import MappedNumbers
 from fieldmap.typing import Array
 
 OUTSIDE_RULES = {"raise": map_block.NAN_OUTSIDE, "nan": map_block.NAN_OUTSIDE, "clamp": map_block.CLAMP}
@@ -144,8 +145,17 @@ def stored_form(data: LargeMap, kind: str, outside: str) -> Form:
     if not all(map(np.array_equal, says, (len(data.field_names), cells, grid.lower))):
         must_hold = f"coefficients of {len(data.field_names)} fields in {cells} cells"
         raise MapFileError.of(f"{kind} form of a large map", must_hold, "others", "make the map again")
-    unit[map_block.RULE] = OUTSIDE_RULES[outside]
+    unit = with_rule(unit, outside)
     return Form(kind, unit, unit, data.misfits[kind])
+
+
+def with_rule(unit: Array, outside: str) -> Array:
+    """A block, of a file or in memory, with a rule of points outside, as for `fieldmap.lookup.open_map`."""
+    start = np.array(unit[: map_block.HEADER])
+    start[map_block.RULE] = OUTSIDE_RULES[outside]
+    if isinstance(unit, MappedNumbers):
+        return unit.beginning(start)
+    return np.concatenate([start, unit[map_block.HEADER :]])
 
 
 def contract(block: Array, currents: Array, size: int) -> Array:

@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike
 
 from fieldmap.arguments import checked_vectors
 from fieldmap.core import CoreMap
-from fieldmap.core.block import RULE
 from fieldmap.core.caller import caller
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.field import Bounds, FieldAtCurrents, MagneticLoad, of_any_shape
-from fieldmap.interpolants import INTERPOLANTS, OUTSIDE_RULES, Form, contract, set_size
+from fieldmap.interpolants import INTERPOLANTS, Form, contract, set_size
+from fieldmap.interpolants.form import with_rule
 from fieldmap.reaction import signs_of
 from fieldmap.records import Record, short, shortened
 from fieldmap.store import Grid, StoredFields, StoredReaction
@@ -268,8 +268,7 @@ class MapFields:
     ) -> None:
         own = INTERPOLANTS[kind] if INTERPOLANTS[kind].kind is not None else INTERPOLANTS["harmonic"]
         if cells is not None and own is INTERPOLANTS["harmonic"]:
-            cells[RULE] = OUTSIDE_RULES[box.outside]
-            unit = cells
+            unit = with_rule(cells, box.outside)
         else:
             unit = own.form(stored.on(grid), box.outside).unit
         self._box = box

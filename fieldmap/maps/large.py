@@ -32,8 +32,8 @@ SHARE = 1e-2
 """Largest difference to the numbers at the nodes, as a share of the solver's tolerance times the largest field."""
 # Bytes of the numbers at the nodes that are in memory at a time, of each of a few arrays.
 _AT_A_TIME = 1 << 26
-# Fewest nodes along each axis of which the polynomial of the whole box is made.
-_OF_WHOLE = 13
+# Fewest cells along each axis whose nodes give the polynomial of the whole box.
+_OF_WHOLE = 12
 # Points at which the time of the coils' fields is measured.
 _TRIED = 100
 
@@ -168,11 +168,13 @@ def certified(
 def _whole_form(writer: LargeMapWriter) -> Form | None:
     """The polynomial of the whole box, from a part of the nodes; None where none holds it."""
     grid = writer.info.grid
-    steps = [one for one in STEPS if all((n - 1) % one == 0 and n >= _OF_WHOLE * one for n in grid.shape)]
+    steps = [one for one in STEPS if all((n - 1) % one == 0 and n > _OF_WHOLE * one for n in grid.shape)]
     step = steps[0] if steps else 1
-    planes = [_every(writer.read(i), step) for i in range(0, grid.shape[0], step)]
-    flux, gradient = (np.stack(arrays, axis=1) for arrays in zip(*planes, strict=True))
     about: dict[str, Any] = vars(writer.info) | {"grid": grid.every(step)}
+    shape = len(writer.info.field_names), *about["grid"].shape
+    flux, gradient = np.empty((*shape, 3)), np.empty((*shape, 3, 3))
+    for i in range(shape[1]):
+        flux[:, i], gradient[:, i] = _every(writer.read(i * step), step)
     try:
         return global_form(MapData(**about, flux_density=flux, gradient=gradient), "raise")
     except InputError:

@@ -380,6 +380,44 @@ class MapData(MapInfo):
         return replace(self, flux_density=flux, gradient=gradient)
 
 
+class MappedNumbers(np.memmap):
+    """Numbers in a file, float64, read as they are asked for. A pickle holds the path of the file and the first
+    numbers."""
+
+    @classmethod
+    def at(cls, path: str, offset: int, count: int) -> "MappedNumbers":
+        """`count` numbers from a place in a file, bytes."""
+        return cls(path, np.dtype("<f8"), "r", offset, (count,))
+
+    def beginning(self, first: Array) -> "MappedNumbers":
+        """The same numbers but the first, which are changed in memory alone.
+
+        Parameters
+        ----------
+        first
+            In their place.
+
+        Returns
+        -------
+        MappedNumbers
+            The numbers; these if they begin so already.
+        """
+        if np.array_equal(self[: first.size], first):
+            return self
+        other = type(self)(str(self.filename), self.dtype, "c", self.offset, self.shape)
+        other[: first.size] = first
+        return other
+
+    def __reduce__(self) -> Any:
+        if not isinstance(self.base, mmap):
+            return np.array(self).__reduce__()
+        return _mapped, (str(self.filename), self.offset, self.size, np.array(self[:24]))
+
+
+def _mapped(path: str, offset: int, count: int, first: Array) -> MappedNumbers:
+    return MappedNumbers.at(path, offset, count).beginning(first)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class LargeMap(MapInfo):
     """A large map as it is opened: the coefficients of its lookups, without the numbers at its nodes.
@@ -406,27 +444,6 @@ class LargeMap(MapInfo):
     def lookup_grid(self) -> Grid:
         """The grid whose cells hold the coefficients."""
         return self.grid.every(self.every)
-
-
-class MappedNumbers(np.memmap):
-    """Numbers in a file, float64, read as they are asked for. Changes stay in memory. A pickle holds the path of the
-    file and the first 24 numbers."""
-
-    @classmethod
-    def at(cls, path: str, offset: int, count: int) -> "MappedNumbers":
-        """`count` numbers from a place in a file, bytes."""
-        return cls(path, np.dtype("<f8"), "c", offset, (count,))
-
-    def __reduce__(self) -> Any:
-        if not isinstance(self.base, mmap):
-            return np.array(self).__reduce__()
-        return _mapped, (str(self.filename), self.offset, self.size, np.array(self[:24]))
-
-
-def _mapped(path: str, offset: int, count: int, first: Array) -> MappedNumbers:
-    numbers = MappedNumbers.at(path, offset, count)
-    numbers[: first.size] = first
-    return numbers
 
 
 def _check(holds: object, name: str, must_hold: str, received: object) -> None:
