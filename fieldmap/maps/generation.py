@@ -101,8 +101,9 @@ CODE = (
     "maps",
 )
 # Expected times before a point is evaluated: of the fields at the nodes and of the certificate, as shares of the time
-# of the solve; and of the differences of two polynomials in one cell, for one field, s.
-_NODES, _CERTIFICATE, _CELL = 0.1, 0.3, 1e-4
+# of the solve; of the differences of two polynomials in one cell, for one field, s; and of those of a large map's
+# polynomials to the numbers at one node.
+_NODES, _CERTIFICATE, _CELL, _NUMBER = 0.1, 0.3, 1e-4, 1e-6
 # Points of one piece of work: about as many as the nodes of a part of the file.
 _POINTS = 1000
 Fields: TypeAlias = LinearSolution | SaturatingFields
@@ -501,8 +502,10 @@ def _evaluate(fields: Common[Fields], workers: Workers, writer: Writer, forecast
     if parts:
         points = sum(chunk.last - chunk.first for chunk in missing) * grid.size // grid.shape[0]
         per_point = forecast.taken() / points
-        cells = int(np.prod(np.array(grid.shape) - 1))
-        forecast.expect("certificate", per_point * SOLVER_POINTS + _CELL * cells * len(flux))
+        cells = np.prod(np.array(grid.shape) - 1) * len(flux)
+        large = isinstance(writer, LargeMapWriter)
+        seconds = (_NUMBER + _CELL / STEPS[1] ** 3) * cells if large else _CELL * cells
+        forecast.expect("certificate", per_point * SOLVER_POINTS + float(seconds))
 
 
 def _expect_fields(forecast: Forecast, solving: str) -> None:
