@@ -13,8 +13,10 @@ import numpy as np
 from fieldmap.core import CoreMap
 from fieldmap.core import block as map_block
 from fieldmap.core.block import set_size
+from fieldmap.errors import InputError, MapFileError
 from fieldmap.records import Record
-from fieldmap.store import FieldError, Grid, MapData, MapInfo
+from fieldmap.store import FieldError, Grid, LargeMap, MapData, MapInfo
+from fieldmap.store.map_data import MappedNumbers
 from fieldmap.typing import Array
 
 OUTSIDE_RULES = {"raise": map_block.NAN_OUTSIDE, "nan": map_block.NAN_OUTSIDE, "clamp": map_block.CLAMP}
@@ -85,7 +87,7 @@ class Interpolant(Record):
 
     name: str
     summary: str
-    form: Callable[[MapData, str], Form]
+    form: Callable[[Any, str], Form]
     kind: int | None = None
     evaluator: Callable[[Form], Any] | None = None
     jump: Callable[[Form, MapInfo], Jump] | None = None
@@ -103,6 +105,57 @@ def header(kind: int, grid: Grid, n_coils: int, outside: str, degree: int = 0, l
     block[map_block.LOCAL : map_block.LOCAL + 3] = np.array(grid.spacing) / length
     block[map_block.LENGTH], block[map_block.PER_LENGTH] = length, 1 / length
     return block
+
+
+def stored_form(data: LargeMap, kind: str, outside: str) -> Form:
+    """A form of a large map, whose coefficients lie in its file.
+
+    Parameters
+    ----------
+    data
+        The map.
+    kind
+        Name of the interpolant.
+    outside
+        Rule of points outside the box, as for `fieldmap.lookup.open_map`.
+
+    Returns
+    -------
+    Form
+        The form.
+
+    Raises
+    ------
+    InputError
+        If the file does not hold this form.
+    MapFileError
+        If its coefficients are not those of this map.
+    """
+    if kind not in data.blocks:
+        must_hold = f"a form that the file of a large map holds: {', '.join(data.blocks)}"
+        remedy = f'take one of these, or read all of its numbers: interpolate(read_map(PATH), "{kind}")'
+        raise InputError.of("open_map, kind", must_hold, repr(kind), remedy)
+    unit, grid = data.blocks[kind], data.lookup_grid
+    cells = np.ones(3) if unit[map_block.KIND] == map_block.GLOBAL else np.array(grid.shape) - 1
+    says = (
+        unit[map_block.SETS],
+        unit[map_block.CELLS : map_block.CELLS + 3],
+        unit[map_block.LOWER : map_block.LOWER + 3],
+    )
+    if not all(map(np.array_equal, says, (len(data.field_names), cells, grid.lower))):
+        must_hold = f"coefficients of {len(data.field_names)} fields in {cells} cells"
+        raise MapFileError.of(f"{kind} form of a large map", must_hold, "others", "make the map again")
+    unit = with_rule(unit, outside)
+    return Form(kind, unit, unit, data.misfits[kind])
+
+
+def with_rule(unit: Array, outside: str) -> Array:
+    """A block, of a file or in memory, with a rule of points outside, as for `fieldmap.lookup.open_map`."""
+    start = np.array(unit[: map_block.HEADER])
+    start[map_block.RULE] = OUTSIDE_RULES[outside]
+    if isinstance(unit, MappedNumbers):
+        return unit.beginning(start)
+    return np.concatenate([start, unit[map_block.HEADER :]])
 
 
 def contract(block: Array, currents: Array, size: int) -> Array:
@@ -137,24 +190,28 @@ def node_potential(data: MapData) -> Array:
     slopes (Euler and Maclaurin; docs/theory/lookup.md (10)), error O(spacing^4). Different ways round a cell
     agree to that order because B is curl-free.
     """
-    steps = [_edge_integrals(data, axis) for axis in range(3)]
-    along_x = _running_sums(steps[0][:, :, :1, :1], 1)
-    along_y = _running_sums(steps[1][:, :, :, :1], 2)
-    potential = along_x + along_y + _running_sums(steps[2], 3)
+    along_x = running_potential(
+        data.flux_density[:, :, 0, 0, 0], data.gradient[:, :, 0, 0, 0, 0], data.grid.spacing[0]
+    )
+    planes = [
+        plane_potential(along_x[:, i], data.flux_density[:, i], data.gradient[:, i], data.grid.spacing)
+        for i in range(data.grid.shape[0])
+    ]
+    potential = np.stack(planes, axis=1)
     nx, ny, nz = (n // 2 for n in data.grid.shape)
     return potential - potential[:, nx : nx + 1, ny : ny + 1, nz : nz + 1]
 
 
-def _edge_integrals(data: MapData, axis: int) -> Array:
-    """Integral of B over every edge along an axis."""
-    h = data.grid.spacing[axis]
-    value = np.moveaxis(data.flux_density[..., axis], 1 + axis, 0)
-    slope = np.moveaxis(data.gradient[..., axis, axis], 1 + axis, 0)
-    step = h / 2 * (value[:-1] + value[1:]) + h * h / 12 * (slope[:-1] - slope[1:])
-    return np.moveaxis(step, 0, 1 + axis)
+def plane_potential(first: Array, flux: Array, gradient: Array, spacing: Array) -> Array:
+    """V (n_coils, ny, nz) in an x-plane of nodes, from V (n_coils,) at its first node, flux density
+    (n_coils, ny, nz, 3) and gradient (n_coils, ny, nz, 3, 3)."""
+    along_y = running_potential(flux[:, :, 0, 1], gradient[:, :, 0, 1, 1], spacing[1])
+    along_z = running_potential(flux[..., 2], gradient[..., 2, 2], spacing[2])
+    return np.asarray((first[:, None] + along_y)[..., None] + along_z)
 
 
-def _running_sums(steps: Array, axis: int) -> Array:
-    """Running sums that start at zero."""
-    zero = np.zeros_like(np.take(steps, [0], axis=axis))
-    return np.concatenate([zero, np.cumsum(steps, axis=axis)], axis=axis)
+def running_potential(value: Array, slope: Array, spacing: float) -> Array:
+    """Integral (..., n) from the first node of a line, from the component of B along it and the slope of that."""
+    step = spacing / 2 * (value[..., :-1] + value[..., 1:])
+    step += spacing * spacing / 12 * (slope[..., :-1] - slope[..., 1:])
+    return np.concatenate([np.zeros_like(value[..., :1]), np.cumsum(step, axis=-1)], axis=-1)

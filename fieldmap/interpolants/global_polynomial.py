@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from fieldmap.core import CoreMap
 from fieldmap.core.block import GLOBAL
 from fieldmap.errors import InputError, Problem
-from fieldmap.interpolants.form import Form, Interpolant, header
+from fieldmap.interpolants.form import Form, Interpolant, header, stored_form
 from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
-from fieldmap.store import FieldError, Grid, MapData
+from fieldmap.store import FieldError, Grid, LargeMap, MapData
 from fieldmap.typing import Array
 
 NAME = "global"
@@ -24,7 +24,7 @@ GRADIENT_WEIGHT = 0.1  # against length times gradient
 LARGEST_MISFIT = 1e-3  # of the largest field
 
 
-def global_form(data: MapData, outside: str) -> Form:
+def global_form(data: MapData | LargeMap, outside: str) -> Form:
     """One harmonic polynomial for the whole box.
 
     Parameters
@@ -44,6 +44,8 @@ def global_form(data: MapData, outside: str) -> Form:
     InputError
         If the polynomial misses the map by more than LARGEST_MISFIT of the largest field.
     """
+    if isinstance(data, LargeMap):
+        return stored_form(data, NAME, outside)
     grid, n_coils = data.grid, len(data.field_names)
     box = Grid(grid.lower, grid.upper - grid.lower, (2, 2, 2))
     length = float(np.linalg.norm(grid.upper - grid.lower)) / 2

@@ -12,9 +12,9 @@ import numpy as np
 from fieldmap.core import block as map_block
 from fieldmap.core.block import HARMONIC
 from fieldmap.core.harmonics import regular_table
-from fieldmap.interpolants.form import Form, Interpolant, Jump, header, node_potential
+from fieldmap.interpolants.form import Form, Interpolant, Jump, header, node_potential, stored_form
 from fieldmap.interpolants.harmonic_matrix import field_matrix, gradient_matrix
-from fieldmap.store import FieldError, MapData, MapInfo
+from fieldmap.store import FieldError, Grid, LargeMap, MapData, MapInfo
 from fieldmap.typing import Array
 
 DEGREE = 5
@@ -31,7 +31,7 @@ NODES = np.cos((2 * np.arange(5) + 1) * np.pi / 10)
 LEBESGUE = (np.sum(1 / np.tan((2 * np.arange(5) + 1) * np.pi / 20)) / 5) ** 2
 
 
-def cell_form(data: MapData, outside: str) -> Form:
+def cell_form(data: MapData | LargeMap, outside: str) -> Form:
     """One harmonic polynomial in each cell.
 
     Parameters
@@ -46,22 +46,66 @@ def cell_form(data: MapData, outside: str) -> Form:
     Form
         Coefficients (cells, n_coils, 36) of all coils behind a header, and the largest misfit at the nodes.
     """
+    if isinstance(data, LargeMap):
+        return stored_form(data, NAME, outside)
     grid, n_coils = data.grid, len(data.field_names)
-    length = float(np.max(grid.spacing)) / 2
-    corners = (CORNERS - 0.5) * np.array(grid.spacing) / length
-    design = _design(corners)
-    solve = np.linalg.pinv(design[:, 1:])
+    fit = CellFit(grid)
     cells = [n - 1 for n in grid.shape]
     coefficients = np.empty((*cells, n_coils, SIZE))
     worst = np.zeros(2)
+    potential = node_potential(data)
     for i in range(cells[0]):
-        values = _corner_values(data, i, length)
-        coefficients[i, ..., 1:] = values @ solve.T
-        worst = np.maximum(worst, _misfit(values - coefficients[i, ..., 1:] @ design[:, 1:].T, data))
-    coefficients[..., 0] = _constants(data, coefficients, corners, length)
-    start = header(HARMONIC, grid, n_coils, outside, DEGREE, length)
-    unit = np.concatenate([start, coefficients.ravel()])
-    return Form(NAME, unit, unit, FieldError(float(worst[0]), float(worst[1]) / length))
+        at = slice(i, i + 2)
+        coefficients[i], residual = fit.slab(data.flux_density[:, at], data.gradient[:, at], potential[:, at])
+        worst = np.maximum(worst, _misfit(residual, data))
+    unit = np.concatenate([fit.header(n_coils, outside), coefficients.ravel()])
+    return Form(NAME, unit, unit, FieldError(float(worst[0]), float(worst[1]) / fit.length))
+
+
+class CellFit:
+    """Fits the polynomials in the cells of a grid, of any cells between two planes at a time. length: unit of their
+    coordinates, m."""
+
+    def __init__(self, grid: Grid) -> None:
+        self.grid = grid
+        self.length = float(np.max(grid.spacing)) / 2
+        corners = (CORNERS - 0.5) * np.array(grid.spacing) / self.length
+        self._design = _design(corners)
+        self._solve = np.linalg.pinv(self._design[:, 1:])
+        self._mean = regular_table(DEGREE, corners).mean(axis=0)[1:]
+
+    def header(self, n_coils: int, outside: str, grid: Grid | None = None) -> Array:
+        """Header of a block of these cells, or of those of a part of the grid."""
+        return header(HARMONIC, grid or self.grid, n_coils, outside, DEGREE, self.length)
+
+    def slab(self, flux: Array, gradient: Array, potential: Array) -> tuple[Array, Array]:
+        """The polynomials of a slab of cells.
+
+        Parameters
+        ----------
+        flux
+            (n_coils, 2, ny, nz, 3), per ampere, at the nodes of two neighbouring x-planes.
+        gradient
+            (n_coils, 2, ny, nz, 3, 3).
+        potential
+            (n_coils, 2, ny, nz), T m/A, that of `node_potential`.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            Coefficients (ny - 1, nz - 1, n_coils, 36), and the residuals at the corners (ny - 1, nz - 1, n_coils, 96).
+        """
+        values = _corner_values(flux, gradient, self.length)
+        coefficients = np.empty((*values.shape[:-1], SIZE))
+        coefficients[..., 1:] = values @ self._solve.T
+        # The mean of the potential at a cell's corners is that of its nodes.
+        at_nodes = np.moveaxis(potential, 0, 3) / self.length
+        _, ny, nz, _ = at_nodes.shape
+        mean = np.zeros(values.shape[:-1])
+        for a, b, d in CORNERS:
+            mean += at_nodes[a, b : ny - 1 + b, d : nz - 1 + d] / 8
+        coefficients[..., 0] = mean - coefficients[..., 1:] @ self._mean
+        return coefficients, values - coefficients[..., 1:] @ self._design[:, 1:].T
 
 
 def _design(corners: Array) -> Array:
@@ -71,17 +115,16 @@ def _design(corners: Array) -> Array:
     return np.concatenate([of_field, GRADIENT_WEIGHT * of_gradient])
 
 
-def _corner_values(data: MapData, i: int, length: float) -> Array:
-    """(ny - 1, nz - 1, n_coils, 96): what the design matrix should give in the cells of slab i."""
-    _, ny, nz = data.grid.shape
-    n_coils = len(data.field_names)
+def _corner_values(flux: Array, gradient: Array, length: float) -> Array:
+    """(ny - 1, nz - 1, n_coils, 96): what the design matrix should give in the cells between two planes of nodes."""
+    n_coils, _, ny, nz, _ = flux.shape
     values = np.empty((ny - 1, nz - 1, n_coils, 96))
     of_field = values[..., :24].reshape(ny - 1, nz - 1, n_coils, 8, 3)
     of_gradient = values[..., 24:].reshape(ny - 1, nz - 1, n_coils, 8, 9)
     for c, (a, b, d) in enumerate(CORNERS):
-        at = (slice(None), i + a, slice(b, ny - 1 + b), slice(d, nz - 1 + d))
-        of_field[..., c, :] = np.moveaxis(data.flux_density[at], 0, 2)
-        slope = np.moveaxis(data.gradient[at], 0, 2).reshape(ny - 1, nz - 1, n_coils, 9)
+        at = (slice(None), a, slice(b, ny - 1 + b), slice(d, nz - 1 + d))
+        of_field[..., c, :] = np.moveaxis(flux[at], 0, 2)
+        slope = np.moveaxis(gradient[at], 0, 2).reshape(ny - 1, nz - 1, n_coils, 9)
         of_gradient[..., c, :] = GRADIENT_WEIGHT * length * slope
     return values
 
@@ -93,16 +136,6 @@ def _misfit(residual: Array, data: MapData) -> Array:
     slope = np.linalg.norm(residual[..., 24:].reshape(*shape, 8, 9), axis=-1) / GRADIENT_WEIGHT
     amperes = data.field_scale
     return np.array([np.einsum("jkcv,c->jkv", norm, amperes).max() for norm in (flux, slope)])
-
-
-def _constants(data: MapData, coefficients: Array, corners: Array, length: float) -> Array:
-    """Constant terms (cells, n_coils): the mean of the potential at a cell's corners is that of its nodes."""
-    nx, ny, nz = data.grid.shape
-    at_nodes = np.moveaxis(node_potential(data), 0, 3) / length
-    mean = np.zeros(coefficients.shape[:4])
-    for a, b, d in CORNERS:
-        mean += at_nodes[a : nx - 1 + a, b : ny - 1 + b, d : nz - 1 + d] / 8
-    return mean - coefficients[..., 1:] @ regular_table(DEGREE, corners).mean(axis=0)[1:]
 
 
 def jump_between_cells(form: Form, info: MapInfo) -> Jump:
@@ -122,7 +155,7 @@ def jump_between_cells(form: Form, info: MapInfo) -> Jump:
     Jump
         The jump.
     """
-    cells = tuple(n - 1 for n in info.grid.shape)
+    cells = form.unit[map_block.CELLS : map_block.CELLS + 3].astype(int)
     coefficients = form.unit[map_block.HEADER :].reshape(*cells, form.n_coils, SIZE)
     half = form.unit[map_block.LOCAL : map_block.LOCAL + 3] / 2
     per_length = float(form.unit[map_block.PER_LENGTH])

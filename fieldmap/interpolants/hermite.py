@@ -3,15 +3,15 @@
 import numpy as np
 
 from fieldmap.core.block import HERMITE
-from fieldmap.interpolants.form import Form, Interpolant, header, node_potential
-from fieldmap.store import MapData
+from fieldmap.interpolants.form import Form, Interpolant, header, node_potential, stored_form
+from fieldmap.store import LargeMap, MapData
 from fieldmap.typing import Array
 
 NAME = "hermite"
 STENCIL = 5
 
 
-def hermite_form(data: MapData, outside: str) -> Form:
+def hermite_form(data: MapData | LargeMap, outside: str) -> Form:
     """The tricubic Hermite interpolant.
 
     Parameters
@@ -26,6 +26,8 @@ def hermite_form(data: MapData, outside: str) -> Form:
     Form
         Coefficients of the field (three channels a coil) and of the potential (one), at every node.
     """
+    if isinstance(data, LargeMap):
+        return stored_form(data, NAME, outside)
     start = header(HERMITE, data.grid, len(data.field_names), outside)
     field = _coefficients(data, data.flux_density, data.gradient)
     potential = _coefficients(data, node_potential(data)[..., None], data.flux_density[..., None, :])

@@ -19,6 +19,7 @@ from fieldmap.core.caller import caller
 from fieldmap.errors import InputError, OutsideMapError
 from fieldmap.field import Bounds, FieldAtCurrents, MagneticLoad, of_any_shape
 from fieldmap.interpolants import INTERPOLANTS, Form, contract, set_size
+from fieldmap.interpolants.form import with_rule
 from fieldmap.reaction import signs_of
 from fieldmap.records import Record, short, shortened
 from fieldmap.store import Grid, StoredFields, StoredReaction
@@ -258,13 +259,20 @@ class MapFields:
         Interpolant of the map; one that the C core does not evaluate is replaced by "harmonic".
     box
         Of the map, with its rule for points outside.
+    cells
+        Block of the harmonic form of the fields, if a file holds it.
     """
 
-    def __init__(self, stored: StoredFields, grid: Grid, kind: str, box: Box) -> None:
-        own = INTERPOLANTS[kind]
-        form = (own if own.kind is not None else INTERPOLANTS["harmonic"]).form(stored.on(grid), box.outside)
+    def __init__(
+        self, stored: StoredFields, grid: Grid, kind: str, box: Box, cells: Array | None = None
+    ) -> None:
+        own = INTERPOLANTS[kind] if INTERPOLANTS[kind].kind is not None else INTERPOLANTS["harmonic"]
+        if cells is not None and own is INTERPOLANTS["harmonic"]:
+            unit = with_rule(cells, box.outside)
+        else:
+            unit = own.form(stored.on(grid), box.outside).unit
         self._box = box
-        self.core = CoreMap(form.unit)
+        self.core = CoreMap(unit)
 
     def fields(self, points: Array) -> tuple[Array, Array]:
         """See `fieldmap.reaction.Reaction`. Raises OutsideMapError by the rule of the map."""
@@ -283,10 +291,13 @@ class MapFields:
 
 
 class MapReaction(MapFields):
-    """The iron's reaction to magnets: a `fieldmap.reaction.Reaction`. stored, grid, kind, box: as of `MapFields`."""
+    """The iron's reaction to magnets: a `fieldmap.reaction.Reaction`. stored, grid, kind, box, cells: as of
+    `MapFields`."""
 
-    def __init__(self, stored: StoredReaction, grid: Grid, kind: str, box: Box) -> None:
-        super().__init__(stored, grid, kind, box)
+    def __init__(
+        self, stored: StoredReaction, grid: Grid, kind: str, box: Box, cells: Array | None = None
+    ) -> None:
+        super().__init__(stored, grid, kind, box, cells)
         self.repelled = stored.repelled
 
     @property
@@ -550,6 +561,12 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
 
     def compiled(self) -> tuple[Any, Any]:
         """(function, data) for numba functions: see `FieldMap.compiled`."""
+        if self._weights is not None:
+            must_hold, remedy = (
+                "a map whose fields are summed at its currents",
+                "write compiled(), and give its function the currents",
+            )
+            raise InputError.of("compiled(currents)", must_hold, f"{self._evaluator.places} cells", remedy)
         words = caller(self._evaluator.core())
         # Imported here: numba is needed only for compiled functions.
         from fieldmap.lookup.compiled import at

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
@@ -41,7 +42,15 @@ from fieldmap.lookup.inverse import least_power_currents
 from fieldmap.lookup.inverse_problem import SumOfFields
 from fieldmap.lookup.magnetic_body import MagneticBody, loaded
 from fieldmap.records import card, count_of
-from fieldmap.store import FieldError, MapData, MapInfo, StoredLinkage, read_map, warn_of_missed_accuracy
+from fieldmap.store import (
+    FieldError,
+    LargeMap,
+    MapData,
+    MapInfo,
+    StoredLinkage,
+    read_for_lookup,
+    warn_of_missed_accuracy,
+)
 from fieldmap.threads import most_threads
 from fieldmap.typing import Array, PathLike
 
@@ -50,6 +59,11 @@ if TYPE_CHECKING:
 
     from fieldmap.device.drawing import Outline
     from fieldmap.device.payload import Payload
+
+
+MOST_SUMMED = 1 << 30
+"""Most bytes of coefficients in the file of a large map that are summed for one set of currents. Of more, each point
+superposes its own."""
 
 
 def _usual_level(model: CurrentModel) -> Array:
@@ -112,7 +126,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
 
     def __init__(
         self,
-        data: MapData,
+        data: MapData | LargeMap,
         outside: str = "raise",
         kind: str = "harmonic",
         threads: int | None = None,
@@ -124,6 +138,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
     ) -> None:
         check_choices(kind, outside, outside_currents)
         self._info = MapInfo(**{name: getattr(data, name) for name in MapInfo.__dataclass_fields__})
+        grid = data.lookup_grid if isinstance(data, LargeMap) else data.grid
         lower, upper = np.array(data.grid.lower), np.array(data.grid.upper)
         self._box = Box(lower, upper, outside, most_threads() if threads is None else max(1, int(threads)))
         # A field of weight 1 behind those of the coils. A model of the iron includes this field in its weights.
@@ -132,11 +147,12 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         self._linkage = data.linkage
         self._reaction: MapReaction | None = None
         if reaction and data.reaction is not None:
-            self._reaction = MapReaction(data.reaction, data.grid, kind, self._box)
+            cells = data.reaction_cells if isinstance(data, LargeMap) else None
+            self._reaction = MapReaction(data.reaction, grid, kind, self._box, cells)
         self._sensors: MapSensors | None = None
         if data.sensors is not None:
             answers = data.sensors.answers
-            of_iron = None if answers is None else MapFields(answers, data.grid, kind, self._box)
+            of_iron = None if answers is None else MapFields(answers, grid, kind, self._box)
             self._sensors = MapSensors(data.sensors, of_iron)
         made = evaluator or INTERPOLANTS[kind].evaluator
         self._evaluator: Evaluator = (
@@ -149,9 +165,11 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         )
         self._table: CurrentTable | None = None
         if tabulate_currents:
-            self._table = tabulate(self._model, self._evaluator, data.grid, data.current_error)
+            self._table = tabulate(self._model, self._evaluator, grid, data.current_error)
         # Up to about this number of points, superposing at each point is cheaper than summing the coefficients first.
         self._few = max(self._evaluator.places // 4, 1)
+        if isinstance(data, LargeMap) and self._form.unit.nbytes > MOST_SUMMED:
+            self._few = sys.maxsize
         self._last: tuple[bytes, MapAtCurrents | None] = (b"", None)
         self._last_weights: tuple[bytes, Array] = (b"", np.empty(0))
 
@@ -489,8 +507,10 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         key = amperes.tobytes()
         known, fixed = self._last
         if known != key or fixed is None:
-            summed = self._evaluator.at(self._weights(amperes))
-            about = self.assumptions, None, self._reaction
+            weights, evaluator = self._weights(amperes), self._evaluator
+            each = self._few == sys.maxsize
+            about = self.assumptions, weights[None] if each else None, self._reaction
+            summed = evaluator if each else evaluator.at(weights)
             fixed = MapAtCurrents(summed, self._box, self.coil_names, amperes.copy(), *about)
             # One assignment of one tuple: another thread sees the old pair or the new one, never a mixture.
             self._last = (key, fixed)
@@ -1386,7 +1406,7 @@ def open_map(
         raise InputError(_no_path(path))
     check_choices(kind, outside, outside_currents)
     rules = outside_currents, follow_currents, tabulate_currents
-    data = read_map(path)
+    data = read_for_lookup(path)
     warn_of_missed_accuracy(path, data.provenance.solver_report, stacklevel=2)
     return interpolate(data, kind, outside, threads, *rules, reaction=reaction)
 
@@ -1406,7 +1426,7 @@ def _no_path(given: object) -> Problem:
 
 
 def interpolate(
-    data: MapData,
+    data: MapData | LargeMap,
     kind: str = "harmonic",
     outside: str = "raise",
     threads: int | None = None,

@@ -92,21 +92,27 @@ def _largest(ours: Iterable[Pair], theirs: Iterable[Pair], scale: Array) -> Arra
 
 
 def certified_bounds(data: MapData, unit_fields: UnitFields, scale: Array) -> Mapping[str, FieldError]:
-    """Bounds by kind of lookup, "harmonic" and "global": T and T/m, summed over the fields times their scale.
-
-    They hold for all points of the box and for all weights of the fields up to scale (n_fields,) in size: the
-    reference currents, or of saturating iron the largest weights in the domain of the currents. Empty where no
-    polynomial holds the whole box.
-    """
+    """Bounds by kind of lookup of a map: see `bounds_of_forms`. Empty where no polynomial holds the whole box."""
     try:
         whole = global_form(data, "raise")
     except InputError:
         return {}
-    surface = box_surface(data.grid, SURFACE_POINTS)
+    return bounds_of_forms(cell_form(data, "raise"), whole, data.grid, unit_fields, scale)
+
+
+def bounds_of_forms(
+    cells: Form, whole: Form, grid: Grid, unit_fields: UnitFields, scale: Array
+) -> Mapping[str, FieldError]:
+    """Bounds by kind of lookup, "harmonic" and "global": T and T/m, summed over the fields times their scale.
+
+    They hold for all points of the box and for all weights of the fields up to scale (n_fields,) in size: the
+    reference currents, or of saturating iron the largest weights in the domain of the currents. grid: that of cells.
+    """
+    surface = box_surface(grid, SURFACE_POINTS)
     outer = between_samples(SURFACE_POINTS, SURFACE_DEGREE) * difference_to_solver(
         whole, scale, surface, unit_fields
     )
-    inner = difference_of_polynomials(cell_form(data, "raise"), whole, data.grid, scale)
+    inner = difference_of_polynomials(cells, whole, grid, scale)
     return {"harmonic": FieldError(*map(float, outer + inner)), "global": FieldError(*map(float, outer))}
 
 

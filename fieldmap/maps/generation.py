@@ -46,7 +46,8 @@ from fieldmap.maps.fields import (
     trained_map,
 )
 from fieldmap.maps.forecast import STAGES, Forecast, expect_training
-from fieldmap.maps.near_sources import require_distance, require_use
+from fieldmap.maps.large import STEPS, before_the_start, certified, make_cells
+from fieldmap.maps.near_sources import largest_field, require_distance, require_use
 from fieldmap.maps.recipe import (
     Recipe,
     choose_grid,
@@ -62,7 +63,11 @@ from fieldmap.progress import shown_or_silent
 from fieldmap.provenance import fingerprint, library_versions
 from fieldmap.store import (
     Checkpoint,
+    Chunk,
     Grid,
+    LargeMap,
+    LargeMapWriter,
+    MapData,
     MapInfo,
     MapWriter,
     Provenance,
@@ -73,6 +78,7 @@ from fieldmap.store import (
     checkpoint_path,
     read_info,
 )
+from fieldmap.store.large_map import LARGE, bytes_of_numbers
 from fieldmap.store.map_format import chunks_of
 from fieldmap.store.map_writer import what_decides
 from fieldmap.store.output_formats import output_problems
@@ -95,11 +101,13 @@ CODE = (
     "maps",
 )
 # Expected times before a point is evaluated: of the fields at the nodes and of the certificate, as shares of the time
-# of the solve; and of the differences of two polynomials in one cell, for one field, s.
-_NODES, _CERTIFICATE, _CELL = 0.1, 0.3, 1e-4
+# of the solve; of the differences of two polynomials in one cell, for one field, s; and of those of a large map's
+# polynomials to the numbers at one node.
+_NODES, _CERTIFICATE, _CELL, _NUMBER = 0.1, 0.3, 1e-4, 1e-6
 # Points of one piece of work: about as many as the nodes of a part of the file.
 _POINTS = 1000
 Fields: TypeAlias = LinearSolution | SaturatingFields
+Writer: TypeAlias = MapWriter | LargeMapWriter
 
 
 def generate(
@@ -117,6 +125,7 @@ def generate(
     reference_current: float | None = None,
     changes: Mapping[str, Any] | None = None,
     accept_error: bool = False,
+    large: bool | None = None,
 ) -> Path:
     """Make the map that a recipe asks for, or a map of a device, and return the path of its file.
 
@@ -157,6 +166,9 @@ def generate(
         Write a map of saturating iron even if the largest error found, at any state at which its current model was
         tried, is more than twice the accuracy that its recipe asks for. The error is then among its assumptions, and
         opening it warns (MapAccuracyWarning). The box may then come near to iron and magnets, but not touch them.
+    large
+        Make it as a large map, whose numbers are never in memory as a whole (docs/map_file.md); unless given, where
+        these are more than half a GB.
 
     Returns
     -------
@@ -167,7 +179,7 @@ def generate(
     ------
     RecipeError, DeviceFileError, GeometryError
         For a wrong recipe or device, and for a box that cuts iron or a winding, or comes too near to iron or magnets
-        for the wanted accuracy.
+        for the wanted accuracy, and for a map for which the disk has no room.
     InputError
         For an output that cannot be written, and workers that cannot be had.
     NotConverged
@@ -203,7 +215,12 @@ def generate(
             if not device.coils and (plan is not None or not device.fixed_sources):
                 must_hold, remedy = "a device with at least one coil", "add a [[coil]] to the device"
                 raise RecipeError(AtKey("device", must_hold, "none", remedy))
+            fields = len(device.coils) + bool(device.fixed_sources) + (0 if plan is None else plan.fields)
             grid = choose_grid(order.box(device), order.spacing)
+            if large is None:
+                large = bytes_of_numbers(grid, fields) > LARGE
+            if large:
+                grid = choose_grid(order.box(device), order.spacing, STEPS[0])
             domain = None if plan is None else plan.domain(device.coil_names)
             reference = _reference_current(order.reference_current, domain, len(device.coils))
             if order.model == "hysteresis":
@@ -218,15 +235,19 @@ def generate(
                 require_accuracy(report, plan, target, accept_error)
                 say("complete already", 1.0)
                 return target
+            if large:
+                say(before_the_start(device, grid, fields, target), 0.0)
             with (
                 same_arithmetic(),
                 Workers(workers, scheduler) as team,
-                Checkpoint(checkpoint_path(target), what_decides(info), resume) as checkpoint,
+                Checkpoint(
+                    checkpoint_path(target), what_decides(info) | ({"form": "large"} if large else {}), resume
+                ) as checkpoint,
+                (LargeMapWriter if large else MapWriter)(target, info, checkpoint) as writer,
             ):
                 if checkpoint.note:
                     say(f"{checkpoint.path.name}: {checkpoint.note}", 0.0)
                 try:
-                    writer = MapWriter(target, info, checkpoint)
                     if plan is None or domain is None:
                         _linear(order, placed, writer, team, say)
                     else:
@@ -234,7 +255,7 @@ def generate(
                 except FieldmapError as error:
                     # No run goes on to another end where the field in the box is at fault.
                     if not len(checkpoint) or isinstance(error, RecipeError | MapFileError):
-                        checkpoint.remove()
+                        writer.discard()
                     raise
         say("complete", 1.0)
     return target
@@ -266,7 +287,7 @@ def _order(
     return order, read_recipe_device(order, changes)
 
 
-def _linear(order: Recipe, device: Device, writer: MapWriter, workers: Workers, say: Progress) -> None:
+def _linear(order: Recipe, device: Device, writer: Writer, workers: Workers, say: Progress) -> None:
     """The map of linear iron."""
     forecast = Forecast(say, {"solving": 0.0, "nodes": 0.0, "certificate": 0.0})
     grid, checkpoint = writer.info.grid, writer.checkpoint
@@ -286,7 +307,7 @@ def _linear(order: Recipe, device: Device, writer: MapWriter, workers: Workers, 
 
     solution = from_arrays(device, *kept(checkpoint, "solution", solve))
     linkage = partial(linkage_of, solution)
-    _fill(writer, device, solution, linkage, workers, writer.info.field_scale, forecast)
+    _fill(writer, order.tolerance, device, solution, linkage, workers, writer.info.field_scale, forecast)
 
 
 def _saturating(
@@ -294,7 +315,7 @@ def _saturating(
     device: Device,
     domain: CurrentDomain,
     plan: Plan,
-    writer: MapWriter,
+    writer: Writer,
     workers: Workers,
     say: Progress,
     accept_error: bool,
@@ -317,11 +338,24 @@ def _saturating(
     writer.info = replace(info, reduced_model=trained.model, current_error=trained.error)
     linkage = partial(linkage_in_air, device, trained.remanent)
     weights, about = trained.largest_weights, trained.about
-    _fill(writer, device, trained.fields, linkage, workers, weights, forecast, about, spent, accepted)
+    _fill(
+        writer,
+        order.tolerance,
+        device,
+        trained.fields,
+        linkage,
+        workers,
+        weights,
+        forecast,
+        about,
+        spent,
+        accepted,
+    )
 
 
 def _fill(
-    writer: MapWriter,
+    writer: Writer,
+    tolerance: float,
     device: Device,
     fields: Fields,
     linkage: Callable[[], StoredLinkage],
@@ -332,8 +366,9 @@ def _fill(
     spent: Stopwatch | None = None,
     accepted: MissedAccuracy | None = None,
 ) -> None:
-    """Fields at the nodes, their error, and the file. about: entries of its report besides the solver's; spent: what
-    the map has taken so far; accepted: an accepted error, which its assumptions then state."""
+    """Fields at the nodes, their error, and the file. tolerance: of the solver; about: entries of its report besides
+    the solver's; spent: what the map has taken so far; accepted: an accepted error, which its assumptions then
+    state."""
     if writer.resumed:
         forecast.note(f"resumed with {writer.resumed} of {len(writer.chunks)} parts")
     common = Common.of(fields)
@@ -349,15 +384,25 @@ def _fill(
 
     reaction = reaction_from(*kept(writer.checkpoint, REACTION, reaction_arrays, None))
     linkages, lacking = _known_linkage(linkage)
-    stored, grid = None, writer.info.grid
+    grid, every, cells = writer.info.grid, 1, None
+    if isinstance(writer, LargeMapWriter):
+        every, cells = make_cells(writer, tolerance, forecast.note)
+        grid = grid.every(every)
+    of_iron: dict[str, Any] = {"reaction": None, "linkage": linkages}
     if reaction is not None:
-        stored = StoredReaction(*_at_nodes(reaction, grid, workers), reaction.repelled)
-    sensors = _sensors(device, fields, writer, workers)
-    data = replace(writer.data(), reaction=stored, linkage=linkages, sensors=sensors)
-    read = data.as_read()
-    error = interpolation_error(read, unit_fields)
-    bounds = certified_bounds(read, unit_fields, largest_weights)
-    require_use(read, error, bounds)
+        of_iron["reaction"] = StoredReaction(*_at_nodes(reaction, grid, workers), reaction.repelled)
+    of_iron["sensors"] = _sensors(device, fields, writer.checkpoint, grid, workers)
+    if isinstance(writer, LargeMapWriter):
+        assert cells is not None
+        data: MapData | LargeMap
+        data, error, bounds = certified(writer, every, cells, of_iron, unit_fields, largest_weights)
+        largest = float(writer.largest[0])
+    else:
+        data = replace(writer.data(), **of_iron)
+        read = data.as_read()
+        error = interpolation_error(read, unit_fields)
+        bounds, largest = certified_bounds(read, unit_fields, largest_weights), largest_field(read)
+    require_use(largest, error, bounds)
     report: dict[str, Any] = asdict(fields.report) | dict(about)
     assumptions = report.pop("assumptions")
     if reaction is not None:
@@ -377,7 +422,7 @@ def _fill(
         assumptions = (*assumptions, f"{accepted.text}: accepted with --accept-error")
     # The workers and the machine that finished it. They do not affect its numbers if all processors are of one kind.
     report |= {"workers": str(workers), "machine": f"{platform.system()}, {platform.machine()}"}
-    writer.finish(report, assumptions, error, bounds, data)
+    writer.finish(report, assumptions, error, bounds, data)  # type: ignore[arg-type]
 
 
 def _known_linkage(linkage: Callable[[], StoredLinkage]) -> tuple[StoredLinkage | None, str]:
@@ -388,7 +433,9 @@ def _known_linkage(linkage: Callable[[], StoredLinkage]) -> tuple[StoredLinkage 
         return None, str(error)
 
 
-def _sensors(device: Device, fields: Fields, writer: MapWriter, workers: Workers) -> StoredSensors | None:
+def _sensors(
+    device: Device, fields: Fields, checkpoint: Checkpoint, grid: Grid, workers: Workers
+) -> StoredSensors | None:
     """What the map's fields and magnets in its box give in the sensors of the device."""
     if not device.sensors:
         return None
@@ -396,8 +443,8 @@ def _sensors(device: Device, fields: Fields, writer: MapWriter, workers: Workers
         np.array([getattr(one, name) for one in device.sensors]) for name in ("position", "direction")
     )
     shares = np.einsum("ksi,si->sk", fields.source_fields(places)[0], axes)
-    answers = answers_from(kept(writer.checkpoint, ANSWERS, answers_arrays, None)[0])
-    stored = None if answers is None else StoredFields(*_at_nodes(answers, writer.info.grid, workers))
+    answers = answers_from(kept(checkpoint, ANSWERS, answers_arrays, None)[0])
+    stored = None if answers is None else StoredFields(*_at_nodes(answers, grid, workers))
     return StoredSensors(tuple(one.name for one in device.sensors), places, axes, shares, stored)
 
 
@@ -420,7 +467,20 @@ def _unit_fields(fields: Fields, points: Array) -> tuple[Array, Array]:
     return fields.source_fields(points)
 
 
-def _evaluate(fields: Common[Fields], workers: Workers, writer: MapWriter, forecast: Forecast) -> None:
+def _fields_at_nodes(fields: Fields, nodes: tuple[Grid, Chunk]) -> tuple[Array, Array]:
+    """The fields at the nodes of a part. Of planes with many nodes only some are evaluated at a time."""
+    grid, chunk = nodes
+    points = grid.points(chunk.first, chunk.last)
+    if len(points) <= _POINTS:
+        return fields.source_fields(points)
+    parts = [
+        fields.source_fields(points[first : first + _POINTS]) for first in range(0, len(points), _POINTS)
+    ]
+    flux, gradient = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))
+    return flux, gradient
+
+
+def _evaluate(fields: Common[Fields], workers: Workers, writer: Writer, forecast: Forecast) -> None:
     """The fields at the nodes that the writer misses."""
     total, missing, grid = len(writer.chunks), writer.missing, writer.info.grid
     done = before = total - len(missing)
@@ -431,8 +491,8 @@ def _evaluate(fields: Common[Fields], workers: Workers, writer: MapWriter, forec
             forecast.at("nodes", message, done - before, len(missing))
 
     tell()
-    parts = [grid.points(chunk.first, chunk.last) for chunk in missing]
-    for outcome in workers.map(_unit_fields, parts, fields):
+    parts = [(grid, chunk) for chunk in missing]
+    for outcome in workers.map(_fields_at_nodes, parts, fields):
         flux, gradient = outcome.result()
         chunk = missing[outcome.index]
         planes = (len(flux), chunk.last - chunk.first, *grid.shape[1:])
@@ -440,9 +500,12 @@ def _evaluate(fields: Common[Fields], workers: Workers, writer: MapWriter, forec
         done += 1
         tell()
     if parts:
-        per_point = forecast.taken() / sum(map(len, parts))
-        cells = int(np.prod(np.array(grid.shape) - 1))
-        forecast.expect("certificate", per_point * SOLVER_POINTS + _CELL * cells * len(flux))
+        points = sum(chunk.last - chunk.first for chunk in missing) * grid.size // grid.shape[0]
+        per_point = forecast.taken() / points
+        cells = np.prod(np.array(grid.shape) - 1) * len(flux)
+        large = isinstance(writer, LargeMapWriter)
+        seconds = (_NUMBER + _CELL / STEPS[1] ** 3) * cells if large else _CELL * cells
+        forecast.expect("certificate", per_point * SOLVER_POINTS + float(seconds))
 
 
 def _expect_fields(forecast: Forecast, solving: str) -> None:

@@ -80,13 +80,13 @@ def require_distance(device: Device, grid: Grid, accuracy: float | None, accept_
         raise RecipeError(*problems)
 
 
-def require_use(data: MapData, error: FieldError, bounds: Mapping[str, FieldError]) -> None:
+def require_use(largest: float, error: FieldError, bounds: Mapping[str, FieldError]) -> None:
     """Refuse a finished map whose lookups are off by a tenth of its field.
 
     Parameters
     ----------
-    data
-        The map.
+    largest
+        Largest sum of its fields' B at a node, T: `largest_field`.
     error, bounds
         Its measured error, and those certified.
 
@@ -95,8 +95,6 @@ def require_use(data: MapData, error: FieldError, bounds: Mapping[str, FieldErro
     RecipeError
         For such an error, and for one that is not finite.
     """
-    sizes = np.linalg.norm(data.flux_density, axis=-1)
-    largest = float(np.einsum("f,fxyz->xyz", data.field_scale, sizes).max())
     numbers = [value for one in (error, *bounds.values()) for value in (one.flux_density, one.gradient)]
     if np.isfinite(numbers).all() and error.flux_density <= _USELESS * largest:
         return
@@ -104,3 +102,9 @@ def require_use(data: MapData, error: FieldError, bounds: Mapping[str, FieldErro
     received = f"{error.flux_density:.3g} T and {error.gradient:.3g} T/m off at the points tried"
     remedy = "keep wires, edges of magnets and point dipoles out of the box, or take a finer spacing"
     raise RecipeError(AtKey("box", must_hold, received, remedy))
+
+
+def largest_field(data: MapData) -> float:
+    """Largest sum over the fields of the norms of B at a node, coils at their reference currents, T."""
+    sizes = np.linalg.norm(data.flux_density, axis=-1)
+    return float(np.einsum("f,fxyz->xyz", data.field_scale, sizes).max())

@@ -4,10 +4,12 @@ A map is written by `map_writer`, read by `map_reader` and verified by `map_chec
 """
 
 from fieldmap.store.checkpoint import Checkpoint, Piece, checkpoint_path
+from fieldmap.store.large_map import LargeMapWriter
 from fieldmap.store.map_check import MapCheck, check_map
 from fieldmap.store.map_data import (
     FieldError,
     Grid,
+    LargeMap,
     MapData,
     MapInfo,
     Provenance,
@@ -17,7 +19,7 @@ from fieldmap.store.map_data import (
     StoredSensors,
 )
 from fieldmap.store.map_format import Chunk
-from fieldmap.store.map_reader import map_path, read_info, read_map
+from fieldmap.store.map_reader import map_path, read_for_lookup, read_info, read_map
 from fieldmap.store.map_writer import MapWriter, open_writer, write_map
 from fieldmap.store.reduced_model import ReducedModel
 from fieldmap.store.run_file import RunRecord, is_run_file, read_runs, write_runs
@@ -30,6 +32,8 @@ __all__ = [
     "Chunk",
     "FieldError",
     "Grid",
+    "LargeMap",
+    "LargeMapWriter",
     "MapCheck",
     "MapData",
     "MapInfo",
@@ -49,6 +53,7 @@ __all__ = [
     "map_path",
     "missed_accuracy",
     "open_writer",
+    "read_for_lookup",
     "read_info",
     "read_map",
     "read_runs",

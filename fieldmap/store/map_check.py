@@ -14,7 +14,15 @@ from fieldmap.errors import MapFileError, Problem
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.store.map_data import Grid, MapInfo
-from fieldmap.store.map_format import FLUX_DENSITY, OWN, QUANTITIES, UNREADABLE, Quantity, planes_per_chunk
+from fieldmap.store.map_format import (
+    FLUX_DENSITY,
+    GRADIENT,
+    OWN,
+    QUANTITIES,
+    UNREADABLE,
+    Quantity,
+    planes_per_chunk,
+)
 from fieldmap.store.map_reader import (
     Refused,
     check_attributes,
@@ -34,6 +42,8 @@ DIVERGENCE_AND_CURL = 1e-4
 VALUES_AND_GRADIENTS = 0.05
 """Allowed difference between steps of B over two cells and Simpson's integral of the gradient, as a share of the
 largest integral. A swapped component or a wrong unit is an error of order 1; Simpson's rule has O(spacing^4)."""
+# Nodes whose numbers are in memory at a time.
+_NODES_AT_A_TIME = 1 << 19
 TOTAL = 1e-9
 """Allowed difference between the stored total and the sum of the fields, as a share of the largest total."""
 
@@ -95,11 +105,12 @@ class MapCheck(Record):
 
 @dataclass
 class _Findings:
-    """Problems so far, and the figures of the fields."""
+    """Problems so far, data sets that could not be read, and the figures of the fields."""
 
     where: str
     problems: list[Problem] = field(default_factory=list)
     data_sets: int = 0
+    unread: set[str] = field(default_factory=set)
     figures: dict[str, list[float]] = field(default_factory=dict)
 
     def add(self, must_hold: str, received: str, remedy: str = REMAKE) -> None:
@@ -132,7 +143,7 @@ def check_map(path: str | os.PathLike[str]) -> MapCheck:
     shape, type, unit, grid and finite values of every data set; recipe and device texts with their hashes, and
     provenance; the reduced model of saturating iron; the links for other programs. The numbers must be a magnetic
     field: gradients have no divergence and no curl, steps of B agree with them, and the total is the sum of the fields.
-    The limits are constants of this module. The check needs the memory of one field.
+    The limits are constants of this module. The check reads some planes of a map at a time.
 
     Parameters
     ----------
@@ -153,15 +164,13 @@ def check_map(path: str | os.PathLike[str]) -> MapCheck:
         info, records = read_header(file)
         findings = _Findings(os.fspath(path))
         findings.attempt(_check_completion, file, info)
-        # Of a giant grid, too, no more is allocated than is there.
-        total: Array | None = np.zeros(3)
         for number, (name, record) in enumerate(zip(info.field_names, records, strict=True)):
             source = of_source(name, info.field_scale[number])
-            flux, slope = (_values(file, each, record, source, info.grid, findings) for each in QUANTITIES)
-            _check_field(flux, slope, f"field of {name!r}", info.grid, findings)
+            for quantity in QUANTITIES:
+                _check_record(file, quantity, record, source, info.grid, findings)
             findings.attempt(_check_link, file, f"/ExternalFieldPath/{number + 1}", FLUX_DENSITY.path(record))
-            total = None if flux is None or total is None else total + info.reference_weights[number] * flux
-        _check_total(file, total, info.grid, findings)
+        _check_record(file, FLUX_DENSITY, "", {}, info.grid, findings)
+        _check_fields(file, info, records, findings)
         size = int(file.id.get_filesize())
     if findings.problems:
         raise MapFileError(*findings.problems)
@@ -202,21 +211,62 @@ def _check_completion(file: h5py.File, info: MapInfo) -> None:
         )
 
 
-def _check_field(flux: Array | None, slope: Array | None, of: str, grid: Grid, findings: _Findings) -> None:
-    """Check whether numbers (nx, ny, nz, 3) and (nx, ny, nz, 9) are a magnetic field, as far as they were read."""
-    if slope is None:
-        return
-    gradient = slope.reshape(*grid.shape, 3, 3)
-    scale = float(np.abs(gradient).max()) or 1.0
-    trace = np.abs(np.trace(gradient, axis1=-2, axis2=-1)).max() / scale
-    curl = np.abs(gradient - np.swapaxes(gradient, -2, -1)).max() / scale
-    findings.figure("divergence", float(trace), DIVERGENCE_AND_CURL, of)
-    findings.figure("curl", float(curl), DIVERGENCE_AND_CURL, of)
-    axes = [axis for axis in range(3) if grid.shape[axis] >= 3]
-    if flux is not None and axes:
-        steps, sizes = zip(*(_mismatch(flux, gradient, grid, axis) for axis in axes), strict=True)
-        worst = max(steps) / (max(sizes) or 1.0)
-        findings.figure("values_against_gradients", worst, VALUES_AND_GRADIENTS, of)
+@dataclass
+class _Extremes:
+    """Largest figures of a field over the planes read so far: of the gradient, its divergence and its curl; of the
+    mismatch of values and gradients along each axis, and of the integrals."""
+
+    of_gradient: Array = field(default_factory=lambda: np.zeros(3))
+    of_steps: Array = field(default_factory=lambda: np.full((3, 2), np.nan))
+
+    def add(self, flux: Array | None, gradient: Array, grid: Grid) -> None:
+        """Count planes (n, ny, nz), of which the first two are those counted last."""
+        trace, curl = np.trace(gradient, axis1=-2, axis2=-1), gradient - np.swapaxes(gradient, -2, -1)
+        largest = [np.abs(values).max() for values in (gradient, trace, curl)]
+        self.of_gradient = np.maximum(self.of_gradient, largest)
+        for axis in range(3):
+            if flux is not None and flux.shape[axis] >= 3:
+                found = _mismatch(flux, gradient, grid, axis)
+                self.of_steps[axis] = np.fmax(self.of_steps[axis], found)
+
+    def tell(self, of: str, findings: _Findings) -> None:
+        """The figures, relative to the largest."""
+        scale, trace, curl = (float(value) for value in self.of_gradient)
+        findings.figure("divergence", trace / (scale or 1.0), DIVERGENCE_AND_CURL, of)
+        findings.figure("curl", curl / (scale or 1.0), DIVERGENCE_AND_CURL, of)
+        known = self.of_steps[~np.isnan(self.of_steps[:, 0])]
+        if known.size:
+            worst = float(known[:, 0].max() / (known[:, 1].max() or 1.0))
+            findings.figure("values_against_gradients", worst, VALUES_AND_GRADIENTS, of)
+
+
+def _check_fields(file: h5py.File, info: MapInfo, records: tuple[str, ...], findings: _Findings) -> None:
+    """Check whether the numbers are magnetic fields, and the total is their sum, as far as they can be read."""
+    grid, extremes = info.grid, [_Extremes() for _ in records]
+    planes = max(1, _NODES_AT_A_TIME // (grid.shape[1] * grid.shape[2]))
+    difference, scale, summed = 0.0, 0.0, True
+    for first in range(0, grid.shape[0], planes):
+        # Steps over two cells need two planes more.
+        at = slice(max(0, first - 2), first + planes)
+        # Of a giant grid, too, no more is allocated than is there.
+        total = np.zeros(3)
+        for number, record in enumerate(records):
+            flux, slope = (_values(file, each, record, at, grid, findings) for each in QUANTITIES)
+            if slope is not None:
+                extremes[number].add(flux, slope.reshape(*slope.shape[:3], 3, 3), grid)
+            summed = summed and flux is not None
+            if flux is not None and summed:
+                total = total + info.reference_weights[number] * flux
+        there = _values(file, FLUX_DENSITY, "", at, grid, findings)
+        summed = summed and there is not None
+        if there is not None and summed:
+            difference = max(difference, float(np.abs(there - total).max()))
+            scale = max(scale, float(np.abs(total).max()))
+    for name, record, found in zip(info.field_names, records, extremes, strict=True):
+        if not findings.unread & {f"{GRADIENT.path(record)}/{c}" for c in GRADIENT.components}:
+            found.tell(f"field of {name!r}", findings)
+    if summed:
+        findings.figure("total_against_sum", difference / (scale or 1.0), TOTAL, "total field")
 
 
 def _mismatch(flux: Array, gradient: Array, grid: Grid, axis: int) -> tuple[float, float]:
@@ -227,23 +277,34 @@ def _mismatch(flux: Array, gradient: Array, grid: Grid, axis: int) -> tuple[floa
     return float(np.abs(values[2:] - values[:-2] - integral).max()), float(np.abs(integral).max())
 
 
-def _values(
+def _check_record(
     file: h5py.File,
     quantity: Quantity,
     field: str,
     source: dict[str, Any],
     grid: Grid,
     findings: _Findings,
-) -> Array | None:
-    """All components of a record (nx, ny, nz, n); None if one of them cannot be read. source: attributes."""
+) -> None:
+    """Check the attributes of a record and its components. source: those that name its field."""
     path = quantity.path(field)
-    wanted = of_record(quantity.unit) | on_grid(grid) | source
-    findings.attempt(check_attributes, file, path, wanted)
-    values = []
+    findings.attempt(check_attributes, file, path, of_record(quantity.unit) | on_grid(grid) | source)
     for name in quantity.components:
         findings.attempt(check_attributes, file, f"{path}/{name}", of_component(quantity.unit))
-        values.append(findings.attempt(read_numbers, file, f"{path}/{name}", grid))
-    findings.data_sets += len(values)
+    findings.data_sets += len(quantity.components)
+
+
+def _values(
+    file: h5py.File, quantity: Quantity, field: str, at: slice, grid: Grid, findings: _Findings
+) -> Array | None:
+    """All components of a record in x-planes (n, ny, nz, n components); None if one of them could not be read."""
+    values: list[Any] = []
+    for name in quantity.components:
+        path = f"{quantity.path(field)}/{name}"
+        # A data set that cannot be read is one problem, not one for each of its parts.
+        found = None if path in findings.unread else findings.attempt(read_numbers, file, path, grid, at)
+        if found is None:
+            findings.unread.add(path)
+        values.append(found)
     return None if any(v is None for v in values) else np.stack(values, axis=-1)
 
 
@@ -252,12 +313,3 @@ def _check_link(file: h5py.File, path: str, target: str) -> None:
     link = hard(file, path).get("magneticField", getlink=True)
     if not isinstance(link, h5py.SoftLink) or link.path != target:
         raise Refused(f"{path}/magneticField: a soft link to {target}", f"{type(link).__name__}", REMAKE)
-
-
-def _check_total(file: h5py.File, total: Array | None, grid: Grid, findings: _Findings) -> None:
-    there = _values(file, FLUX_DENSITY, "", {}, grid, findings)
-    if there is None or total is None:
-        return
-    scale = float(np.abs(total).max()) or 1.0
-    difference = float(np.abs(there - total).max()) / scale
-    findings.figure("total_against_sum", difference, TOTAL, "total field")

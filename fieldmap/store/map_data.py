@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from mmap import mmap
 from typing import Any
 
 import numpy as np
@@ -77,6 +78,22 @@ class Grid(Record):
         """Node coordinates along x, y and z, m."""
         x, y, z = (self.lower[a] + np.arange(self.shape[a]) * self.spacing[a] for a in range(3))
         return x, y, z
+
+    def every(self, step: int) -> "Grid":
+        """The grid of every `step`-th node along each axis.
+
+        Parameters
+        ----------
+        step
+            Divides the number of cells along each axis.
+
+        Returns
+        -------
+        Grid
+            The grid, of the same box.
+        """
+        nx, ny, nz = ((n - 1) // step + 1 for n in self.shape)
+        return Grid(self.lower, self.spacing * step, (nx, ny, nz))
 
     def points(self, first: int = 0, last: int | None = None) -> Array:
         """Nodes of some x-planes of the grid.
@@ -361,6 +378,72 @@ class MapData(MapInfo):
             self.gradient * scale[..., None] / scale[..., None],
         )
         return replace(self, flux_density=flux, gradient=gradient)
+
+
+class MappedNumbers(np.memmap):
+    """Numbers in a file, float64, read as they are asked for. A pickle holds the path of the file and the first
+    numbers."""
+
+    @classmethod
+    def at(cls, path: str, offset: int, count: int) -> "MappedNumbers":
+        """`count` numbers from a place in a file, bytes."""
+        return cls(path, np.dtype("<f8"), "r", offset, (count,))
+
+    def beginning(self, first: Array) -> "MappedNumbers":
+        """The same numbers but the first, which are changed in memory alone.
+
+        Parameters
+        ----------
+        first
+            In their place.
+
+        Returns
+        -------
+        MappedNumbers
+            The numbers; these if they begin so already.
+        """
+        if np.array_equal(self[: first.size], first):
+            return self
+        other = type(self)(str(self.filename), self.dtype, "c", self.offset, self.shape)
+        other[: first.size] = first
+        return other
+
+    def __reduce__(self) -> Any:
+        if not isinstance(self.base, mmap):
+            return np.array(self).__reduce__()
+        return _mapped, (str(self.filename), self.offset, self.size, np.array(self[:24]))
+
+
+def _mapped(path: str, offset: int, count: int, first: Array) -> MappedNumbers:
+    return MappedNumbers.at(path, offset, count).beginning(first)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LargeMap(MapInfo):
+    """A large map as it is opened: the coefficients of its lookups, without the numbers at its nodes.
+
+    Attributes
+    ----------
+    every : of how many cells of the grid, along each axis, a cell of the lookup is.
+    blocks : coefficients of all fields, by the name of the interpolant: blocks of `fieldmap.core.block`.
+    misfits : largest difference of each to the numbers at all nodes, T and T/m, summed over the fields, coils at their
+        reference currents.
+    reaction, linkage, sensors : as of `MapData`, on `lookup_grid`.
+    reaction_cells : coefficients of the reaction in the cells of `lookup_grid`, a block; None without a reaction.
+    """
+
+    every: int = field(kw_only=True)
+    blocks: Mapping[str, Array] = field(kw_only=True)
+    misfits: Mapping[str, FieldError] = field(kw_only=True)
+    reaction_cells: Array | None = field(kw_only=True, default=None)
+    reaction: StoredReaction | None = field(kw_only=True, default=None)
+    linkage: StoredLinkage | None = field(kw_only=True, default=None)
+    sensors: StoredSensors | None = field(kw_only=True, default=None)
+
+    @property
+    def lookup_grid(self) -> Grid:
+        """The grid whose cells hold the coefficients."""
+        return self.grid.every(self.every)
 
 
 def _check(holds: object, name: str, must_hold: str, received: object) -> None:

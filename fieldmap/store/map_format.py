@@ -33,6 +33,12 @@ it read a map without."""
 SENSORS = f"{OWN}/sensors"
 """Group of what field sensors read: data sets like the arrays of `StoredSensors`, attribute `names` (JSON), and with
 iron a group `answers` of fields, float32. Readers that do not know it read a map without."""
+LOOKUP = f"{OWN}/lookup"
+"""Group of large maps, whose numbers at the nodes are not read for lookups: attribute `every`; data sets named as
+interpolants, the blocks of `LargeMap`, each with an attribute `misfit`; `reaction_cells`; groups like `REACTION` and
+`SENSORS`. Readers that do not know it read the numbers at the nodes."""
+REACTION_CELLS = "reaction_cells"
+LOOKUP_REACTION, LOOKUP_SENSORS = f"{LOOKUP}/reaction", f"{LOOKUP}/sensors"
 PARAMETRISATION = "parametrisation"
 """Attribute of the reduced model, JSON: name and parameters of the parametrisation of the currents."""
 DIVISION_EXPONENT = "division_exponent"

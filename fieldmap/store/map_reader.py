@@ -25,9 +25,12 @@ from fieldmap.shipped import is_file, shipped_file
 from fieldmap.store.checkpoint import SUFFIX
 from fieldmap.store.map_data import (
     REACTION_FIELDS,
+    FieldError,
     Grid,
+    LargeMap,
     MapData,
     MapInfo,
+    MappedNumbers,
     StoredFields,
     StoredLinkage,
     StoredReaction,
@@ -36,13 +39,13 @@ from fieldmap.store.map_data import (
 from fieldmap.store.map_format import (
     DIVISION_EXPONENT,
     LINKAGE,
+    LOOKUP,
     OWN,
     PARAMETRISATION,
     QUANTITIES,
-    REACTION,
+    REACTION_CELLS,
     REDUCED_MODEL,
     REPELLED,
-    SENSORS,
     UNREADABLE,
     VERSIONS,
     Quantity,
@@ -161,16 +164,83 @@ def read_map(path: str | os.PathLike[str]) -> MapData:
         version with another format; if a number is not finite or lies in another file.
     """
     with opened_map(path) as file:
-        info, records = read_header(file)
-        for number, (name, record) in enumerate(zip(info.field_names, records, strict=True)):
-            wanted = on_grid(info.grid) | of_source(name, info.field_scale[number])
-            for quantity in QUANTITIES:
-                check_attributes(file, quantity.path(record), wanted)
-        arrays = {quantity.name: _values(file, quantity, records, info) for quantity in QUANTITIES}
-        reaction = _read_reaction(file, info.grid) if is_hard(file, REACTION.strip("/")) else None
-        linkage = _read_linkage(file) if is_hard(file, LINKAGE.strip("/")) else None
-        sensors = _read_sensors(file, info) if is_hard(file, SENSORS.strip("/")) else None
-        return MapData(**vars(info), **arrays, reaction=reaction, linkage=linkage, sensors=sensors)
+        return _read_numbers_of(file)
+
+
+def read_for_lookup(path: str | os.PathLike[str]) -> MapData | LargeMap:
+    """Read what lookups need: of a large map its coefficients, which are read as they are asked for; of any other all
+    of its numbers.
+
+    Of a large map the numbers at the nodes are not verified; `check_map` and `read_map` do that.
+
+    Parameters
+    ----------
+    path
+        As in `read_map`.
+
+    Returns
+    -------
+    MapData | LargeMap
+        The map.
+
+    Raises
+    ------
+    MapFileError
+        As in `read_map`.
+    """
+    with opened_map(path, numbers=False) as file:
+        return _read_large(file) if _is_large(file) else _read_numbers_of(file)
+
+
+def _is_large(file: h5py.File) -> bool:
+    return is_hard(file, OWN.strip("/")) and is_hard(file, LOOKUP.strip("/"))
+
+
+def _read_numbers_of(file: h5py.File) -> MapData:
+    info, records = read_header(file)
+    for number, (name, record) in enumerate(zip(info.field_names, records, strict=True)):
+        wanted = on_grid(info.grid) | of_source(name, info.field_scale[number])
+        for quantity in QUANTITIES:
+            check_attributes(file, quantity.path(record), wanted)
+    arrays = {quantity.name: _values(file, quantity, records, info) for quantity in QUANTITIES}
+    return MapData(**vars(info), **arrays, **_of_iron(file, info.grid, OWN))
+
+
+def _read_large(file: h5py.File) -> LargeMap:
+    info, _ = read_header(file)
+    group = hard(file, LOOKUP)
+    every = int(group.attrs["every"])
+    if every < 1 or any((n - 1) % every for n in info.grid.shape):
+        raise Refused(f"{LOOKUP}, every: a divisor of the cells along each axis", f"{every}", REMAKE)
+    blocks, misfits = {}, {}
+    for kind in group:
+        if not isinstance(hard(file, f"{LOOKUP}/{kind}"), h5py.Dataset):
+            continue
+        data = stored(file, f"{LOOKUP}/{kind}", "f")
+        offset = data.id.get_offset()
+        if data.dtype != np.dtype("<f8") or data.ndim != 1 or offset is None or offset % 8:
+            received = f"{data.shape}, {data.dtype}, from byte {offset} of the file"
+            raise Refused(
+                f"{data.name}: float64 numbers in one piece at a multiple of 8 bytes", received, REMAKE
+            )
+        blocks[kind] = MappedNumbers.at(file.filename, offset, data.size)
+        if kind != REACTION_CELLS:
+            misfits[kind] = FieldError(*(float(one) for one in data.attrs["misfit"]))
+    of_iron = _of_iron(file, info.grid.every(every), LOOKUP)
+    reaction = blocks.pop(REACTION_CELLS, None)
+    return LargeMap(
+        **vars(info), every=every, blocks=blocks, misfits=misfits, reaction_cells=reaction, **of_iron
+    )
+
+
+def _of_iron(file: h5py.File, grid: Grid, under: str) -> dict[str, Any]:
+    """Reaction, linkages and sensors of a map, each None where the file has none; fields on `grid`, in a group."""
+    reaction, sensors = f"{under}/reaction", f"{under}/sensors"
+    return {
+        "reaction": _read_reaction(file, grid, reaction) if is_hard(file, reaction.strip("/")) else None,
+        "linkage": _read_linkage(file) if is_hard(file, LINKAGE.strip("/")) else None,
+        "sensors": _read_sensors(file, grid, sensors) if is_hard(file, sensors.strip("/")) else None,
+    }
 
 
 def read_info(path: str | os.PathLike[str]) -> MapInfo:
@@ -186,7 +256,7 @@ def read_info(path: str | os.PathLike[str]) -> MapInfo:
     MapFileError
         As in `read_map`, except for errors of the arrays.
     """
-    with opened_map(path) as file:
+    with opened_map(path, numbers=False) as file:
         return read_header(file)[0]
 
 
@@ -211,8 +281,9 @@ def map_path(path: str | os.PathLike[str]) -> Path:
 
 
 @contextmanager
-def opened_map(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
-    """Open a map file after its seal was verified. Errors inside the block become MapFileError."""
+def opened_map(path: str | os.PathLike[str], numbers: bool = True) -> Iterator[h5py.File]:
+    """Open a map file after its seal was verified, of a large map without that of its numbers if so asked. Errors
+    inside the block become MapFileError."""
     where, path = os.fspath(path), map_path(path)
     if not is_file(path):
         raise MapFileError.of(where, "an existing map file", "no such file", REMAKE)
@@ -222,7 +293,7 @@ def opened_map(path: str | os.PathLike[str]) -> Iterator[h5py.File]:
             raise Refused("a complete map", "the file of a run that has not finished", remedy)
         if not head_of(path).startswith(b"\x89HDF") and not is_sealed(path):
             raise Refused("an HDF5 file that fieldmap has written", file_in_words(path), REMAKE)
-        check_seal(path)
+        check_seal(path, numbers=numbers)
         with h5py.File(path, "r") as file:
             yield file
     except Refused as refusal:
@@ -283,12 +354,12 @@ def _read_reduced_model(file: h5py.File) -> ReducedModel:
     return ReducedModel(**arrays, parametrisation=_parametrisation(file, len(arrays["source"].T)))
 
 
-def _read_reaction(file: h5py.File, grid: Grid) -> StoredReaction:
+def _read_reaction(file: h5py.File, grid: Grid, path: str) -> StoredReaction:
     """Read the fields of the iron's reaction to magnets. Raises Refused."""
-    repelled, read = int(hard(file, REACTION).attrs[REPELLED]), _read_fields(file, REACTION, grid)
+    repelled, read = int(hard(file, path).attrs[REPELLED]), _read_fields(file, path, grid)
     count = len(read["flux_density"])
     if not (0 <= repelled <= count and 1 <= count <= REACTION_FIELDS):
-        must_hold = f"{REACTION}: 1 to {REACTION_FIELDS} fields"
+        must_hold = f"{path}: 1 to {REACTION_FIELDS} fields"
         raise Refused(must_hold, f"{count}, {repelled} of them negative", REMAKE)
     return StoredReaction(**read, repelled=repelled)
 
@@ -299,15 +370,13 @@ def _read_linkage(file: h5py.File) -> StoredLinkage:
     return StoredLinkage(*(_finite(stored(file, f"{LINKAGE}/{name}", "f")) for name in names))
 
 
-def _read_sensors(file: h5py.File, info: MapInfo) -> StoredSensors:
+def _read_sensors(file: h5py.File, grid: Grid, path: str) -> StoredSensors:
     """Read what the sensors read. Raises Refused, ValueError or InputError if the arrays do not fit."""
-    names = json.loads(bytes(hard(file, SENSORS).attrs["names"]).decode())
-    of_each = {
-        name: _finite(stored(file, f"{SENSORS}/{name}", "f")) for name in ("positions", "axes", "shares")
-    }
-    path, answers = f"{SENSORS}/answers", None
-    if is_hard(file, path.strip("/")):
-        answers = StoredFields(**_read_fields(file, path, info.grid))
+    names = json.loads(bytes(hard(file, path).attrs["names"]).decode())
+    of_each = {name: _finite(stored(file, f"{path}/{name}", "f")) for name in ("positions", "axes", "shares")}
+    answers = None
+    if is_hard(file, f"{path}/answers".strip("/")):
+        answers = StoredFields(**_read_fields(file, f"{path}/answers", grid))
     return StoredSensors(tuple(map(str, names)), **of_each, answers=answers)
 
 
@@ -373,13 +442,13 @@ def check_numbers(file: h5py.File, path: str, grid: Grid) -> h5py.Dataset:
     return data
 
 
-def read_numbers(file: h5py.File, path: str, grid: Grid) -> Array:
-    """Read one component at every node. Raises Refused if a number is not finite."""
-    return _finite(check_numbers(file, path, grid))
+def read_numbers(file: h5py.File, path: str, grid: Grid, planes: slice) -> Array:
+    """Read one component at the nodes of some x-planes. Raises Refused if a number is not finite."""
+    return _finite(check_numbers(file, path, grid), planes)
 
 
-def _finite(data: h5py.Dataset) -> Array:
-    values = data[()]
+def _finite(data: h5py.Dataset, planes: slice | tuple[()] = ()) -> Array:
+    values = data[planes]
     if not np.isfinite(values).all():
         raise Refused(f"{data.name}: finite numbers", "NaN or infinity", REMAKE)
     return values

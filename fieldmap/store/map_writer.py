@@ -20,6 +20,7 @@ from fieldmap.errors import MapFileError
 from fieldmap.store.checkpoint import Checkpoint, checkpoint_path
 from fieldmap.store.map_data import (
     FieldError,
+    LargeMap,
     MapData,
     MapInfo,
     StoredFields,
@@ -30,9 +31,13 @@ from fieldmap.store.map_data import (
 from fieldmap.store.map_format import (
     DIVISION_EXPONENT,
     LINKAGE,
+    LOOKUP,
+    LOOKUP_REACTION,
+    LOOKUP_SENSORS,
     OWN,
     PARAMETRISATION,
     REACTION,
+    REACTION_CELLS,
     REDUCED_MODEL,
     REPELLED,
     SENSORS,
@@ -92,7 +97,7 @@ def write_map(target: PathLike, data: MapData) -> Path:
     path = Path(target)
     for chunk in chunks_of(data.grid):
         planes = slice(chunk.first, chunk.last)
-        _check_finite(path, chunk, data.flux_density[:, planes], data.gradient[:, planes])
+        check_finite(path, chunk, data.flux_density[:, planes], data.gradient[:, planes])
     with whole_file(path, "map") as partial:
         file = h5py.File(partial, "w")
         with disk_errors(path):
@@ -105,19 +110,38 @@ def write_map(target: PathLike, data: MapData) -> Path:
 
 def _write(file: h5py.File, data: MapData) -> None:
     write_openpmd(file, data)
-    own = file.create_group(OWN)
+    write_own(file, data)
+    _write_reaction(file, data.reaction, REACTION)
+    _write_sensors(file, data.sensors, SENSORS)
+
+
+def write_own(file: h5py.File, data: MapData | LargeMap) -> None:
+    """Write the description of a map that is complete, its reduced model and its linkages."""
+    own = file.require_group(OWN)
     own.attrs["format_version"] = np.int64(format_of(data))
     write_text(file, "header", to_json(header_of(data)))
     write_text(file, "recipe", data.provenance.recipe_text)
     write_text(file, "device", data.provenance.device_text)
     _write_reduced_model(file, data.reduced_model)
-    _write_reaction(file, data.reaction)
     _write_linkage(file, data.linkage)
-    _write_sensors(file, data.sensors)
     completion = own.create_group("completion")
     completion.attrs["complete"] = np.uint8(1)
     completion["chunks"] = np.ones(len(chunks_of(data.grid)), dtype=np.uint8)
     write_text(file, "report", to_json(report_of(data)))
+
+
+def write_lookup(file: h5py.File, data: LargeMap) -> None:
+    """Write what lookups of a large map need, but the coefficients of its cells, which are there already."""
+    group = file[LOOKUP]
+    group.attrs["every"] = np.int64(data.every)
+    for kind, misfit in data.misfits.items():
+        if kind not in group:
+            group.create_dataset(kind, data=data.blocks[kind])
+        group[kind].attrs["misfit"] = [misfit.flux_density, misfit.gradient]
+    if data.reaction_cells is not None:
+        group.create_dataset(REACTION_CELLS, data=data.reaction_cells)
+    _write_reaction(file, data.reaction, LOOKUP_REACTION)
+    _write_sensors(file, data.sensors, LOOKUP_SENSORS)
 
 
 def _write_reduced_model(file: h5py.File, model: ReducedModel | None) -> None:
@@ -136,20 +160,20 @@ def _write_reduced_model(file: h5py.File, model: ReducedModel | None) -> None:
         group.create_dataset(name, data=values, **checked)
 
 
-def _write_reaction(file: h5py.File, reaction: StoredReaction | None) -> None:
+def _write_reaction(file: h5py.File, reaction: StoredReaction | None, path: str) -> None:
     """Write the fields of the reaction with checksums; nothing if there is none."""
     if reaction is None:
         return
-    group = file.create_group(REACTION)
+    group = file.create_group(path)
     group.attrs[REPELLED] = np.int64(reaction.repelled)
     _write_fields(group, reaction)
 
 
-def _write_sensors(file: h5py.File, sensors: StoredSensors | None) -> None:
+def _write_sensors(file: h5py.File, sensors: StoredSensors | None, path: str) -> None:
     """Write what the sensors read with checksums; nothing if there are none."""
     if sensors is None:
         return
-    group = file.create_group(SENSORS)
+    group = file.create_group(path)
     group.attrs["names"] = fixed(json.dumps(sensors.names))
     for name in ("positions", "axes", "shares"):
         group.create_dataset(name, data=getattr(sensors, name), fletcher32=True, fillvalue=np.nan)
@@ -198,6 +222,10 @@ class MapWriter:
     def __exit__(self, *_: object) -> None:
         self.checkpoint.close()
 
+    def discard(self) -> None:
+        """Delete the checkpoint."""
+        self.checkpoint.remove()
+
     @property
     def note(self) -> str:
         """Reason why an existing checkpoint was not used, or ""."""
@@ -206,7 +234,7 @@ class MapWriter:
     @property
     def missing(self) -> tuple[Chunk, ...]:
         """Chunks still to be written."""
-        return tuple(chunk for chunk in self.chunks if _key(chunk) not in self.checkpoint)
+        return tuple(chunk for chunk in self.chunks if chunk_key(chunk) not in self.checkpoint)
 
     def write(self, chunk: Chunk, flux_density: Array, gradient: Array) -> None:
         """Add a chunk to the checkpoint.
@@ -227,8 +255,8 @@ class MapWriter:
         FieldmapError
             If the disk is full.
         """
-        _check_finite(self.target, chunk, flux_density, gradient)
-        self.checkpoint.put(_key(chunk), {"flux_density": flux_density, "gradient": gradient})
+        check_finite(self.target, chunk, flux_density, gradient)
+        self.checkpoint.put(chunk_key(chunk), {"flux_density": flux_density, "gradient": gradient})
 
     def read(self, chunk: Chunk) -> tuple[Array, Array]:
         """What `write` was given for a chunk.
@@ -248,7 +276,7 @@ class MapWriter:
         KeyError
             If it is missing.
         """
-        piece = self.checkpoint.get(_key(chunk))
+        piece = self.checkpoint.get(chunk_key(chunk))
         if piece is None:
             raise KeyError(chunk)
         return piece.arrays["flux_density"], piece.arrays["gradient"]
@@ -328,11 +356,13 @@ def what_decides(info: MapInfo) -> dict[str, str]:
     }
 
 
-def _key(chunk: Chunk) -> str:
+def chunk_key(chunk: Chunk) -> str:
+    """Key of a part of a map in its checkpoint."""
     return f"chunk {chunk.number}"
 
 
-def _check_finite(target: Path, chunk: Chunk, flux_density: Array, gradient: Array) -> None:
+def check_finite(target: Path, chunk: Chunk, flux_density: Array, gradient: Array) -> None:
+    """Raise MapFileError for a number of a part that is not finite, or as large as only rounding makes it."""
     # Not so for NaN either.
     if all(np.abs(values).max() <= _SINGULAR for values in (flux_density, gradient)):
         return

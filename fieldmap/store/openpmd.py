@@ -14,21 +14,27 @@ from fieldmap.store.map_format import FLUX_DENSITY, QUANTITIES, Quantity, planes
 from fieldmap.typing import Array
 
 
-def write_openpmd(file: h5py.File, map_data: MapData) -> None:
-    """Write every field at its reference current and their sum, with all groups and attributes around them."""
+def write_openpmd(file: h5py.File, map_data: MapInfo) -> None:
+    """Write every field at its reference current and their sum, with all groups and attributes around them. Of a
+    description without numbers the data sets are allocated in one piece each, for numbers to come."""
     grid = map_data.grid
     _write_root(file, map_data)
     iteration = file.create_group("/data/0")
     iteration.attrs.update(time=np.float64(0), dt=np.float64(0), timeUnitSI=np.float64(1))
     comment = "total, every coil at its reference current"
-    record = _write_record(file, FLUX_DENSITY, "", grid, comment, _total(map_data))
+    total = _total(map_data) if isinstance(map_data, MapData) else None
+    record = _write_record(file, FLUX_DENSITY, "", grid, comment, total)
     record.attrs["referenceCurrent"] = map_data.reference_current
     names = record_names(map_data.field_names)
     for number, (name, part, scale) in enumerate(
         zip(map_data.field_names, names, map_data.field_scale, strict=True)
     ):
         for quantity in QUANTITIES:
-            values = getattr(map_data, quantity.name)[number].reshape(*grid.shape, len(quantity.components))
+            values = None
+            if isinstance(map_data, MapData):
+                values = getattr(map_data, quantity.name)[number].reshape(
+                    *grid.shape, len(quantity.components)
+                )
             comment = quantity.comment.format(_source(map_data, name, scale))
             record = _write_record(file, quantity, part, grid, comment, values, scale)
             _describe(record.id, **of_source(name, scale))
@@ -113,17 +119,20 @@ def _write_record(
     field: str,
     grid: Grid,
     comment: str,
-    values: Array,
+    values: Array | None,
     scale: float = 1.0,
 ) -> h5py.Group:
-    """Write a record with its attributes. values (nx, ny, nz, n components) are multiplied by scale."""
+    """Write a record with its attributes. values (nx, ny, nz, n components) are multiplied by scale; None allocates
+    the data sets alone."""
     record = file.create_group(quantity.path(field))
     _describe(record.id, **of_record(quantity.unit), **on_grid(grid), comment=fixed(comment))
     # The low-level calls of HDF5 are used, because the high-level ones of h5py take longer than the writing.
-    kind, space, created = h5py.h5t.IEEE_F64LE, h5py.h5s.create_simple(grid.shape), _storage(grid)
+    kind, space = h5py.h5t.IEEE_F64LE, h5py.h5s.create_simple(grid.shape)
+    created = in_one_piece() if values is None else _storage(grid)
     for c, component in enumerate(quantity.components):
         data = h5py.h5d.create(record.id, component.encode(), kind, space, dcpl=created)
-        data.write(h5py.h5s.ALL, h5py.h5s.ALL, values[..., c] * scale)
+        if values is not None:
+            data.write(h5py.h5s.ALL, h5py.h5s.ALL, values[..., c] * scale)
         _describe(data, **of_component(quantity.unit))
     return record
 
@@ -134,6 +143,16 @@ def _storage(grid: Grid) -> h5py.h5p.PropDCID:
     created.set_chunk((planes_per_chunk(grid), *grid.shape[1:]))
     created.set_fletcher32()
     created.set_fill_value(np.array(np.nan))
+    created.set_obj_track_times(False)
+    return created
+
+
+def in_one_piece() -> h5py.h5p.PropDCID:
+    """Properties of a data set of a large map: its bytes lie one behind the other from the beginning."""
+    created = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    created.set_layout(h5py.h5d.CONTIGUOUS)
+    created.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+    created.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
     created.set_obj_track_times(False)
     return created
 

@@ -3,24 +3,36 @@
 HDF5 has checksums for the numbers of a file, but not for its structure. A wrong byte in the structure can make a reader
 read anything. So a file is opened only if all of its bytes are those that were written. Other programs ignore the seal,
 because they do not read beyond the end of the HDF5 data. A program that changes the file cuts the seal off.
+
+A large map has a second seal before that: the places of its numbers, and the SHA-256 of all other bytes. It is enough
+for a reader that opens the file without reading those numbers.
 """
 
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import re
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TypeAlias
 
 from fieldmap.errors import MapFileError
 
 _SEAL = re.compile(rb"\n# sealed by fieldmap: ([0-9a-f]{16}) ([0-9a-f]{64})\n")
 SEAL_LENGTH = 105
+# Behind a list of the places of numbers: where it begins, and the SHA-256 of all before this line but the numbers.
+_SECOND = re.compile(rb"\n# without numbers: ([0-9a-f]{16}) ([0-9a-f]{64})\n")
+_SECOND_LENGTH = 102
+_BLOCK = 1 << 20
+
+Places: TypeAlias = Sequence[tuple[int, int]]
+"""Offset and length, bytes, of ranges in a file."""
 REMAKE = "make the map again: fieldmap map RECIPE"
 
 
-def seal_map(path: str | os.PathLike[str]) -> None:
+def seal_map(path: str | os.PathLike[str], numbers: Places = ()) -> None:
     """Seal a file as it is now. An earlier seal is replaced.
 
     Use this for a map that another program has changed on purpose.
@@ -29,6 +41,8 @@ def seal_map(path: str | os.PathLike[str]) -> None:
     ----------
     path
         Of the file.
+    numbers
+        Places of numbers that a reader need not have verified to open the file, in their order.
 
     Raises
     ------
@@ -39,7 +53,7 @@ def seal_map(path: str | os.PathLike[str]) -> None:
     """
     try:
         with Path(path).open("r+b") as stream:
-            _write_seal(stream)
+            _write_seal(stream, numbers)
     except (FileNotFoundError, IsADirectoryError, PermissionError) as error:
         must_hold, remedy = (
             "must be a file that can be read and written",
@@ -54,7 +68,7 @@ def is_sealed(path: str | os.PathLike[str]) -> bool:
         return _read_seal(stream, _length(stream)) is not None
 
 
-def check_seal(path: str | os.PathLike[str], remedy: str = REMAKE) -> None:
+def check_seal(path: str | os.PathLike[str], remedy: str = REMAKE, numbers: bool = True) -> None:
     """Check the seal of a file.
 
     Parameters
@@ -63,6 +77,8 @@ def check_seal(path: str | os.PathLike[str], remedy: str = REMAKE) -> None:
         Of the file.
     remedy
         For the message, as an alternative to copying the file again.
+    numbers
+        False to leave out the numbers of a large map, which are nearly all of its bytes.
 
     Raises
     ------
@@ -83,18 +99,32 @@ def check_seal(path: str | os.PathLike[str], remedy: str = REMAKE) -> None:
         if sealed_length != length - SEAL_LENGTH:
             received = f"{length - SEAL_LENGTH} bytes, where {sealed_length} were sealed: a damaged file"
             raise _refused(path, "an undamaged file", received, remedy)
-        if _digest(stream, sealed_length) != sealed_digest:
+        second = None if numbers else _read_second(stream, sealed_length)
+        if second is not None:
+            places, sealed_digest = second
+            found = _digest(stream, sealed_length - _SECOND_LENGTH, places)
+        else:
+            found = _digest(stream, sealed_length)
+        if found != sealed_digest:
             raise _refused(
                 path, "an undamaged file", "a damaged file: its SHA-256 is not that of its seal", remedy
             )
 
 
-def _write_seal(stream: BinaryIO) -> None:
+def _write_seal(stream: BinaryIO, numbers: Places) -> None:
     length = _length(stream)
     if _read_seal(stream, length) is not None:
         length -= SEAL_LENGTH
-    digest = _digest(stream, length)
+    if (found := _find(_SECOND, _SECOND_LENGTH, stream, length)) is not None:
+        length = int(found[1], 16)
     stream.truncate(length)
+    if numbers:
+        stream.seek(length)
+        stream.write(json.dumps(list(numbers)).encode())
+        digest = _digest(stream, _length(stream), numbers)
+        stream.write(f"\n# without numbers: {length:016x} {digest}\n".encode())
+        length = _length(stream)
+    digest = _digest(stream, length)
     stream.seek(length)
     stream.write(f"\n# sealed by fieldmap: {length:016x} {digest}\n".encode())
     stream.flush()
@@ -105,23 +135,52 @@ def _length(stream: BinaryIO) -> int:
     return stream.seek(0, os.SEEK_END)
 
 
+def _find(line: re.Pattern[bytes], size: int, stream: BinaryIO, length: int) -> re.Match[bytes] | None:
+    """The line in the last `size` of the first `length` bytes, or None."""
+    if length < size:
+        return None
+    stream.seek(length - size)
+    return line.fullmatch(stream.read(size))
+
+
 def _read_seal(stream: BinaryIO, length: int) -> tuple[int, str] | None:
     """Length and digest that a seal at the end of the file states, or None."""
-    if length < SEAL_LENGTH:
-        return None
-    stream.seek(length - SEAL_LENGTH)
-    told = _SEAL.fullmatch(stream.read(SEAL_LENGTH))
+    told = _find(_SEAL, SEAL_LENGTH, stream, length)
     return None if told is None else (int(told[1], 16), told[2].decode())
 
 
-def _digest(stream: BinaryIO, length: int) -> str:
-    """SHA-256 of the first `length` bytes."""
-    stream.seek(0)
-    total, left = hashlib.sha256(), length
-    while block := stream.read(min(left, 1 << 20)):
-        total.update(block)
-        left -= len(block)
+def _read_second(stream: BinaryIO, length: int) -> tuple[Places, str] | None:
+    """Places of numbers and digest that the second seal before the end `length` states, or None.
+
+    Places that are no list of ranges give ValueError or TypeError.
+    """
+    told = _find(_SECOND, _SECOND_LENGTH, stream, length)
+    if told is None:
+        return None
+    begin = int(told[1], 16)
+    stream.seek(begin)
+    places = json.loads(stream.read(max(0, length - _SECOND_LENGTH - begin)))
+    return [(int(offset), int(size)) for offset, size in places], told[2].decode()
+
+
+def _digest(stream: BinaryIO, length: int, without: Places = ()) -> str:
+    """SHA-256 of the first `length` bytes but those at some places."""
+    total = hashlib.sha256()
+    for offset, size in others(without, length):
+        stream.seek(offset)
+        while size > 0 and (block := stream.read(min(size, _BLOCK))):
+            total.update(block)
+            size -= len(block)
     return total.hexdigest()
+
+
+def others(places: Iterable[tuple[int, int]], length: int) -> Iterable[tuple[int, int]]:
+    """Offset and length of what lies between places, in their order, up to `length`."""
+    begin = 0
+    for offset, size in [*places, (length, 0)]:
+        if offset > begin:
+            yield begin, offset - begin
+        begin = max(begin, offset + size)
 
 
 def _refused(path: str | os.PathLike[str], must_hold: str, received: str, remedy: str) -> MapFileError:

@@ -278,7 +278,10 @@ MISTAKES = {
         "spacing_mm = 7.0",
         "spacing_mm: at least 5 nodes along each axis; received a box of 20 x 20 x 24",
     ),
-    "too fine": ("spacing_mm = 0.01", "spacing_mm: at most 2000000 nodes.*2001 x 2001 x 2401 nodes"),
+    "too fine": (
+        "spacing_mm = 0.001",
+        "spacing_mm: must make a map for which its disk has room: .* GB for 9601",
+    ),
 }
 
 
