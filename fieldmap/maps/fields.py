@@ -8,7 +8,7 @@ back it knows no mesh: it does not refuse points inside the iron, which the geom
 import itertools
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from time import monotonic, process_time
 from typing import Any, TypeAlias
 
@@ -67,13 +67,24 @@ def _faces_from(arrays: Mapping[str, Array]) -> tuple[ChargedFaces, Array]:
     return faces, np.ascontiguousarray(arrays["charge"])
 
 
-def to_arrays(solution: LinearSolution) -> Kept:
-    """Arrays and a plain description of a solution of linear iron."""
+def of_single_turns(device: Device) -> Device:
+    """The device with one turn in every coil: devices that differ in turns alone have one solution."""
+    single = tuple(replace(coil, turns=1.0) for coil in device.coils)  # zuban: ignore[misc]
+    return Device.unchecked(**vars(device) | {"coils": single})
+
+
+def to_arrays(solution: LinearSolution, turns: Array) -> Kept:
+    """Arrays and a plain description of a solution of linear iron, of coils with one turn, for those with these turns
+    (c,)."""
     state = solution.state
     about = {"has_remanence": solution.has_remanence, "report": asdict(solution.report)}
     if state is None or solution.iron_linkage is None:
         return {}, about
-    return _faces_to(state.faces, state.density) | {"iron_linkage": solution.iron_linkage}, about
+    # What no current drives has a column, but no turns.
+    of_sources = np.append(turns, 1.0)[: len(state.density)]
+    charge = of_sources[:, None] * state.density
+    linkage = turns[:, None] * solution.iron_linkage * of_sources
+    return _faces_to(state.faces, charge) | {"iron_linkage": linkage}, about
 
 
 def reaction_arrays(reaction: ReactionFields | None) -> Kept:
