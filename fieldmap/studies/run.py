@@ -16,6 +16,7 @@ import numpy as np
 from fieldmap.arguments import raise_all
 from fieldmap.device.changes import changed
 from fieldmap.device.reader import device_of
+from fieldmap.errors import StudyError
 from fieldmap.extras import require
 from fieldmap.parallel import Common, Workers
 from fieldmap.plain import Plain, plain_items
@@ -134,6 +135,9 @@ def run_study(
     """
     require_xarray()
     order = study if isinstance(study, Study) else read_study(Path(study))
+    if not order.current_sets:
+        must_hold, remedy = "numbers are recorded at sets of currents", "add a table [[currents]]"
+        raise StudyError.of(f"{order.path}: currents", must_hold, "none", remedy)
     target = output_file(order.path, output)
     say = progress or (lambda message, fraction: None)
     with (

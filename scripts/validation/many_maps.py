@@ -77,10 +77,6 @@ values = [-16.0, -18.0]
 name = "radius"
 key = "body.pole.radius_mm"
 values = [6.5, 7.0, 7.5, 8.0, 8.5, 9.0]
-
-[[currents]]
-name = "one"
-amperes_A = 1.0
 """
 
 

@@ -64,10 +64,6 @@ recipe = "recipe.toml"
 name = "turns"
 key = "coil.*.turns"
 values = [100, 200, 300, 400, 500]
-
-[[currents]]
-name = "one"
-amperes_A = 1.0
 """
 
 

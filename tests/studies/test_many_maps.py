@@ -46,6 +46,8 @@ name = "radius"
 key = "body.sphere.radius_mm"
 values = [8.0, 6.0]
 
+"""
+NUMBERS = """
 [[currents]]
 name = "one"
 amperes_A = 1.0
@@ -159,7 +161,8 @@ def test_maps_are_read_when_they_are_asked_for(files, devices, tmp_path, monkeyp
     along = data.unit_flux_density.isel(floor=0, x=2, y=2, z=-1, coil=0, component=2)
     np.testing.assert_allclose(along.sel(turns=250), 2.5 * along.sel(turns=100), rtol=1e-6)
     # Numbers of the study beside them.
-    numbers = run_study(one_box, tmp_path / "numbers.nc").data[["flux_density"]]
+    with_numbers = devices.study("numbers.toml", one_box.read_text() + NUMBERS)
+    numbers = run_study(with_numbers, tmp_path / "numbers.nc").data[["flux_density"]]
     together = xarray.merge([data, numbers.sel(currents="one", point=0)], compat="override")
     at = {"floor": 0, "x": 2, "y": 2, "coil": 0}
     ours = together.unit_flux_density.isel(at).interp(z=-0.014, method="cubic")
@@ -202,6 +205,13 @@ def test_the_device_is_that_of_the_recipe(files, devices, tmp_path):
     )
     with pytest.raises(StudyError):
         generate_many(files[0], read_study(other), tmp_path / "other.nc")
+
+
+def test_numbers_need_currents_and_maps_do_not(files, tmp_path):
+    with pytest.raises(StudyError) as caught:
+        run_study(files[1], tmp_path / "numbers.nc")
+    assert caught.value.problems[0].where == f"{files[1]}: currents"
+    assert not list(tmp_path.iterdir())
 
 
 RUN = """
