@@ -18,7 +18,7 @@ from fieldmap.cli import options, page
 from fieldmap.cli.arguments import parse_settings
 from fieldmap.cli.messages import resumable
 from fieldmap.cli.solve import FORMS_IN_WORDS
-from fieldmap.errors import InputError
+from fieldmap.errors import FieldmapError, InputError
 from fieldmap.records import count_of
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ def _make_many(
     if made is not None:
         page.print_result(made, _page_of_many, json, files=[made.path, made.table])
         if len(made.failed) == len(made.study.variants):
-            raise typer.Exit(InputError.exit_code)
+            raise typer.Exit(FieldmapError.exit_code)
 
 
 def _part(text: str) -> tuple[int, int]:

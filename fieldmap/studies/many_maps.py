@@ -29,8 +29,9 @@ from fieldmap.records import Record
 from fieldmap.store import read_info, write_whole
 from fieldmap.studies.reading import read_study
 from fieldmap.studies.run import (
+    OUTPUT_FOLDER,
+    checked_output,
     csv_table,
-    output_file,
     require_xarray,
     variant_coordinates,
     variant_heads,
@@ -150,7 +151,8 @@ def generate_many(
     require_xarray()
     order, study = read_recipe(recipe), over if isinstance(over, Study) else read_study(over)
     _require_one_device(order, study)
-    target = output_file(study.path.with_name(f"{study.path.stem}_maps"), output)
+    usual = OUTPUT_FOLDER / f"{study.path.stem}_maps.nc"
+    target = checked_output(usual if output is None else Path(output))
     files = map_files(study, target)
     numbers = _in_groups(study)
     if part is not None:
@@ -159,7 +161,8 @@ def generate_many(
         numbers = numbers[len(numbers) * (k - 1) // n : len(numbers) * k // n]
     common = Common(_job, order, study.device_document, resume, accept_error)
     found: dict[int, _Made] = {}
-    items = [(study.variants[number].settings, str(files[number])) for number in numbers]
+    # Workers of a scheduler may run in another folder.
+    items = [(study.variants[number].settings, str(files[number].absolute())) for number in numbers]
     with shown_or_silent("maps", progress, timed=True) as say, Workers(workers, scheduler) as team:
         say(f"making {len(numbers)} maps", 0.0)
         for outcome in team.map(_made, items, common):
