@@ -263,7 +263,7 @@ def make_map(
             try:
                 writer = MapWriter(target, info, checkpoint)
                 if plan is None or domain is None:
-                    _linear(order, placed, writer, team, say, shared)
+                    _linear(order, placed, writer, team, say, shared or SharedSolves())
                 else:
                     _saturating(order, placed, domain, plan, writer, team, say, accept_error)
             except FieldmapError as error:
@@ -307,7 +307,7 @@ def _linear(
     writer: MapWriter,
     workers: Workers,
     say: Progress,
-    shared: SharedSolves | None,
+    shared: SharedSolves,
 ) -> None:
     """The map of linear iron. shared: what maps of devices with the same iron have solved."""
     forecast = Forecast(say, {"solving": 0.0, "nodes": 0.0, "certificate": 0.0})
@@ -333,7 +333,7 @@ def _linear(
         return to_arrays(solution, np.array([coil.turns for coil in device.coils]))
 
     solution = from_arrays(device, *kept(checkpoint, "solution", solve))
-    linkage = partial(linkage_of, solution)
+    linkage = partial(linkage_of, solution, shared)
     _fill(writer, device, solution, linkage, workers, writer.info.field_scale, forecast)
 
 
