@@ -82,6 +82,7 @@ if TYPE_CHECKING:
     from fieldmap.lookup import open_map as open_map
     from fieldmap.maps import generate as generate
     from fieldmap.provenance import __version__ as __version__
+    from fieldmap.studies import generate_many as generate_many
     from fieldmap.studies import optimise as optimise
 
 # What machines are made of in Python.
@@ -143,6 +144,7 @@ _PUBLIC = {
     "find_equilibrium": "fieldmap.levitation",
     "simulate": "fieldmap.dynamics",
     "open_machine": "fieldmap.dynamics",
+    "generate_many": "fieldmap.studies",
     "optimise": "fieldmap.studies",
     "__version__": "fieldmap.provenance",
 }

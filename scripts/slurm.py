@@ -2,15 +2,20 @@
 
     python scripts/slurm.py --jobs 8 --cores 4 --memory 16GB [--walltime 04:00:00] [--queue NAME] [--account NAME]
                             [--print | --try] COMMAND ...
+    python scripts/slurm.py --array 20 --cores 4 --memory 16GB ... map RECIPE --over STUDY ...
 
 COMMAND is what follows `fieldmap`: map RECIPE, study FILE, optimise FILE or fit FILE, with its options. Run it on a
 node that may submit jobs and may compute a little itself: this process prepares the work and writes the results; for a
 map of saturating iron it assembles the iron as well. Every job starts one worker per core. --print shows the job's
 script and submits nothing; --try starts the jobs on this machine, without SLURM.
+--array N makes many maps by an array job of N tasks, without a scheduler: each task makes its part of the maps with
+all cores of its job, and a last job writes the index.
 Needs   pip install "fieldmap[cluster]"   on every node.
 """
 
 import argparse
+import shlex
+import subprocess
 import sys
 
 from dask_jobqueue import JobQueueCluster, SLURMCluster
@@ -38,6 +43,36 @@ def cluster_of(chosen: argparse.Namespace) -> JobQueueCluster:
     )
 
 
+def array_scripts(chosen: argparse.Namespace) -> tuple[str, str]:
+    """Of the array job, and of the job that writes the index."""
+    asked = {
+        "job-name": "fieldmap",
+        "ntasks": 1,
+        "cpus-per-task": chosen.cores,
+        "mem": chosen.memory.removesuffix("B"),
+        "time": chosen.walltime,
+        "partition": chosen.queue,
+        "account": chosen.account,
+    }
+    head = ["#!/bin/sh", *(f"#SBATCH --{key}={value}" for key, value in asked.items() if value is not None)]
+    command = shlex.join([sys.executable, "-m", "fieldmap", *chosen.command])
+    part = f"{command} --part $SLURM_ARRAY_TASK_ID/{chosen.array}"
+    several = [*head, f"#SBATCH --array=1-{chosen.array}", part, ""]
+    return "\n".join(several), "\n".join([*head, command, ""])
+
+
+def submit_array(scripts: tuple[str, str]) -> None:
+    """Submit the array job, and the last one for when all its tasks have ended."""
+    after: list[str] = []
+    for script in scripts:
+        done = subprocess.run(
+            ["sbatch", "--parsable", *after], input=script, stdout=subprocess.PIPE, text=True, check=True
+        )
+        number = done.stdout.strip().split(";")[0]
+        print(number)
+        after = [f"--dependency=afterany:{number}"]
+
+
 def minutes(walltime: str) -> int:
     """Of hours:minutes:seconds."""
     hours, whole, _ = (int(part) for part in walltime.split(":"))
@@ -51,6 +86,7 @@ def arguments() -> argparse.Namespace:
     )
     parser.add_argument("command", nargs=argparse.REMAINDER, help="what follows fieldmap: map division")
     parser.add_argument("--jobs", type=int, default=4, help="how many jobs")
+    parser.add_argument("--array", type=int, metavar="N", help="tasks of an array job, for map --over")
     parser.add_argument("--cores", type=int, default=4, help="cores of a job, each with a worker")
     parser.add_argument("--memory", default="16GB", help="of a job, for all of its workers")
     parser.add_argument("--walltime", default="04:00:00", help="of a job, hours:minutes:seconds")
@@ -64,6 +100,10 @@ def arguments() -> argparse.Namespace:
 def main() -> int:
     """Submit, and run the command with the scheduler of the jobs; its exit code."""
     chosen = arguments()
+    if chosen.array is not None:
+        scripts = array_scripts(chosen)
+        print("\n".join(scripts)) if chosen.print else submit_array(scripts)
+        return 0
     with cluster_of(chosen) as cluster:
         if chosen.print:
             print(cluster.job_script())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
@@ -17,19 +18,23 @@ from fieldmap.cli import options, page
 from fieldmap.cli.arguments import parse_settings
 from fieldmap.cli.messages import resumable
 from fieldmap.cli.solve import FORMS_IN_WORDS
+from fieldmap.errors import FieldmapError, InputError
 from fieldmap.records import count_of
 
 if TYPE_CHECKING:
     from fieldmap.io.map_summary import MapSummary, SensorOfMap
     from fieldmap.levitation.comparison import LiftAtHeight, ShiftBesideMeasured
     from fieldmap.plot.map_pictures import MapPicture
+    from fieldmap.studies import ManyMaps
     from fieldmap.typing import PathLike
 
 
 def make_map(
     recipe: Annotated[str, options.file_argument("RECIPE", "maps")],
     target: Annotated[
-        Path | None, options.output("Map file to write. Default: maps/out/RECIPE.h5."), options.writes("map")
+        Path | None,
+        options.output("Map file to write. Default: maps/out/RECIPE.h5. With --over: the index, NetCDF."),
+        options.writes("map", "study"),
     ] = None,
     changes: options.Changes = None,
     resume: options.Resume = True,
@@ -37,6 +42,8 @@ def make_map(
     json: options.Json = False,
     pictures: Annotated[bool | None, typer.Option("--pictures/--no-pictures")] = None,
     accept_error: Annotated[bool, typer.Option("--accept-error")] = False,
+    over: Annotated[str | None, typer.Option("--over", metavar="STUDY")] = None,
+    part: Annotated[str | None, typer.Option("--part", metavar="K/N")] = None,
     workers: options.Workers = 1,
     scheduler: options.Scheduler = None,
 ) -> None:
@@ -57,7 +64,17 @@ def make_map(
     accept_error
         Write the map even if the error of its current model is more than twice the recipe's, or its box nearer to iron
         or magnets than the recipe's accuracy allows.
+    over
+        Study file: make a map for each of its variants, in a folder beside an index of them.
+    part
+        With --over: only the k-th of n parts of the maps, and no index, as for one task of an array job.
     """
+    if over is not None:
+        unused = {"--set": changes, "--summary": summary, "--pictures": pictures}
+        _make_many(recipe, over, target, resume, accept_error, part, workers, scheduler, json, unused)
+        return
+    if part is not None:
+        raise InputError.of("--part", "goes with --over", part, "name a study: --over STUDY")
     from fieldmap import maps
 
     settings = parse_settings(changes)
@@ -70,6 +87,59 @@ def make_map(
         print_summary(path, json, (summary and not json) if pictures is None else pictures)
     else:
         print(path)
+
+
+def _make_many(
+    recipe: str,
+    over: str,
+    target: Path | None,
+    resume: bool,
+    accept_error: bool,
+    part: str | None,
+    workers: int,
+    scheduler: str | None,
+    json: bool,
+    unused: Mapping[str, object],
+) -> None:
+    from fieldmap.studies import generate_many
+
+    given = [option for option, value in unused.items() if value]
+    if given:
+        must_hold = "belongs to a single map"
+        raise InputError.of(given[0], must_hold, f"{given[0]} with --over", "leave it out")
+    with resumable("maps") as progress:
+        made = generate_many(
+            recipe,
+            over,
+            target,
+            resume,
+            workers,
+            progress,
+            scheduler,
+            accept_error=accept_error,
+            part=None if part is None else _part(part),
+        )
+    if made is not None:
+        page.print_result(made, _page_of_many, json, files=[made.path, made.table])
+        if len(made.failed) == len(made.study.variants):
+            raise typer.Exit(FieldmapError.exit_code)
+
+
+def _part(text: str) -> tuple[int, int]:
+    found = re.fullmatch(r"(\d+)/(\d+)", text)
+    if found is None:
+        raise InputError.of("--part", "K/N, two whole numbers", text, "write for example --part 3/20")
+    return int(found[1]), int(found[2])
+
+
+def _page_of_many(made: ManyMaps) -> Iterator[page.Section]:
+    total = len(made.study.variants)
+    yield page.heading(made.study.title, f"{total - len(made.failed)} of {total} maps")
+    yield page.facts([("failed", f"{name}: {reason}") for name, reason in made.failed.items()])
+    worst = made.data[["certified_flux_density", "certified_gradient"]].max()
+    flux, slope = 1e6 * float(worst.certified_flux_density), 1e3 * float(worst.certified_gradient)
+    yield page.facts([("certificate", f"at most {flux:.3g} uT and {slope:.3g} mT/m, of the worst map")])
+    yield page.written([made.path, made.table])
 
 
 def _tell_what_is_missing(path: Path) -> None:

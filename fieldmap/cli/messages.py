@@ -22,6 +22,8 @@ from fieldmap.records import count_of
 LOG = logging.getLogger("fieldmap")
 # Without this handler, logging itself would print an error a second time.
 LOG.addHandler(logging.NullHandler())
+# Who waits for workers shall see it without a log, too.
+logging.getLogger("fieldmap.parallel").addHandler(logging.lastResort or logging.NullHandler())
 _STYLE = logging.Formatter("%(asctime)s %(levelname)-7s %(message)s")
 _INDENT = 10
 _WIDEST = 100

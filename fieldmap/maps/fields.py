@@ -8,7 +8,7 @@ back it knows no mesh: it does not refuse points inside the iron, which the geom
 import itertools
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from time import monotonic, process_time
 from typing import Any, TypeAlias
 
@@ -21,6 +21,7 @@ from fieldmap.iron import LinearSolution, NonlinearSolver, SolverReport
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.reaction import DipoleAnswers, ReactionFields
+from fieldmap.iron.solvers.shared import SharedSolves, windings
 from fieldmap.maps.forecast import Forecast
 from fieldmap.maps.training.currents import corner_signals
 from fieldmap.maps.training.hysteresis import train_along_paths
@@ -67,13 +68,28 @@ def _faces_from(arrays: Mapping[str, Array]) -> tuple[ChargedFaces, Array]:
     return faces, np.ascontiguousarray(arrays["charge"])
 
 
-def to_arrays(solution: LinearSolution) -> Kept:
-    """Arrays and a plain description of a solution of linear iron."""
+def of_single_turns(device: Device) -> Device:
+    """The device with one turn in every coil: devices that differ in turns alone have one solution."""
+    return Device.unchecked(**vars(device) | {"coils": single_turns(device.coils)})
+
+
+def single_turns(coils: tuple[Coil, ...]) -> tuple[Coil, ...]:
+    """The coils with one turn each."""
+    return tuple(replace(coil, turns=1.0) for coil in coils)  # zuban: ignore[misc]
+
+
+def to_arrays(solution: LinearSolution, turns: Array) -> Kept:
+    """Arrays and a plain description of a solution of linear iron, of coils with one turn, for those with these turns
+    (c,)."""
     state = solution.state
     about = {"has_remanence": solution.has_remanence, "report": asdict(solution.report)}
     if state is None or solution.iron_linkage is None:
         return {}, about
-    return _faces_to(state.faces, state.density) | {"iron_linkage": solution.iron_linkage}, about
+    # What no current drives has a column, but no turns.
+    of_sources = np.append(turns, 1.0)[: len(state.density)]
+    charge = of_sources[:, None] * state.density
+    linkage = turns[:, None] * solution.iron_linkage * of_sources
+    return _faces_to(state.faces, charge) | {"iron_linkage": linkage}, about
 
 
 def reaction_arrays(reaction: ReactionFields | None) -> Kept:
@@ -111,9 +127,14 @@ def from_arrays(device: Device, arrays: Mapping[str, Array], about: Mapping[str,
     return LinearSolution(device.coils, None, state, remanence, report, linkage, *more)
 
 
-def linkage_of(solution: LinearSolution) -> StoredLinkage:
-    """The flux linkages of the coils in linear iron. Raises InputError for coils without a self-inductance."""
-    matrix = solution.inductance()
+def linkage_of(solution: LinearSolution, shared: SharedSolves) -> StoredLinkage:
+    """The flux linkages of the coils in linear iron. shared: has the inductance of single turns in air, or gets it.
+    Raises InputError for coils without a self-inductance."""
+    coils = solution.coils
+    single, turns = single_turns(coils), np.array([coil.turns for coil in coils])
+    air = shared.solve(("inductance", windings(single)), lambda: bare_inductance(single))
+    iron = 0.0 if solution.iron_linkage is None else solution.iron_linkage[:, : len(coils)]
+    matrix = turns[:, None] * air * turns + iron
     return StoredLinkage(0.5 * (matrix + matrix.T), solution.flux_linkage(0.0))
 
 

@@ -23,6 +23,7 @@ from fieldmap.inputs.document import AtKey
 from fieldmap.iron import LinearSolution, check_geometry
 from fieldmap.iron.reaction import DipoleAnswers, ReactionFields
 from fieldmap.iron.solvers.linear import solve_linear_and_reaction
+from fieldmap.iron.solvers.shared import SharedSolves
 from fieldmap.maps.acceptance import require_accuracy
 from fieldmap.maps.error_bound import SOLVER_POINTS, certified_bounds, interpolation_error
 from fieldmap.maps.fields import (
@@ -38,6 +39,7 @@ from fieldmap.maps.fields import (
     kept,
     linkage_in_air,
     linkage_of,
+    of_single_turns,
     peak_memory,
     reaction_arrays,
     reaction_from,
@@ -209,55 +211,89 @@ def generate(
     with shown_or_silent("map", progress, timed=True) as say:
         say("checking recipe, device and geometry", 0.0)
         order, device = _order(recipe, given, changes)
-        target, plan = _target(order.file_name, output), order.currents
-        # Errors at keys name the lines of the recipe.
-        with order.document.placing():
-            if not device.coils and (plan is not None or not device.fixed_sources):
-                must_hold, remedy = "a device with at least one coil", "add a [[coil]] to the device"
-                raise RecipeError(AtKey("device", must_hold, "none", remedy))
-            fields = len(device.coils) + bool(device.fixed_sources) + (0 if plan is None else plan.fields)
-            grid = choose_grid(order.box(device), order.spacing)
-            if large is None:
-                large = bytes_of_numbers(grid, fields) > LARGE
-            if large:
-                grid = choose_grid(order.box(device), order.spacing, STEPS[0])
-            domain = None if plan is None else plan.domain(device.coil_names)
-            reference = _reference_current(order.reference_current, domain, len(device.coils))
-            if order.model == "hysteresis":
-                require_hysteresis(device)
-            info = _describe(device, grid, reference, order.title, order.text, plan is not None)
-            # Geometry checks hold the device and the box of the map together.
-            box = WorkspaceBox(grid.lower, grid.upper)
-            placed = Device.unchecked(**vars(device) | {"workspace": box})
-            check_geometry(placed)
-            require_distance(placed, grid, None if plan is None else plan.accuracy, accept_error)
-            if resume and (report := _finished(target, info)) is not None:
-                require_accuracy(report, plan, target, accept_error)
-                say("complete already", 1.0)
-                return target
-            if large:
-                say(before_the_start(device, grid, fields, target), 0.0)
-            with (
-                same_arithmetic(),
-                Workers(workers, scheduler) as team,
-                Checkpoint(
-                    checkpoint_path(target), what_decides(info) | ({"form": "large"} if large else {}), resume
-                ) as checkpoint,
-                (LargeMapWriter if large else MapWriter)(target, info, checkpoint) as writer,
-            ):
-                if checkpoint.note:
-                    say(f"{checkpoint.path.name}: {checkpoint.note}", 0.0)
-                try:
-                    if plan is None or domain is None:
-                        _linear(order, placed, writer, team, say)
-                    else:
-                        _saturating(order, placed, domain, plan, writer, team, say, accept_error)
-                except FieldmapError as error:
-                    # No run goes on to another end where the field in the box is at fault.
-                    if not len(checkpoint) or isinstance(error, RecipeError | MapFileError):
-                        writer.discard()
-                    raise
-        say("complete", 1.0)
+        by = Workers(workers, scheduler)
+        return make_map(order, device, output, resume, say, by, accept_error, large=large)
+
+
+def make_map(
+    order: Recipe,
+    device: Device,
+    output: PathLike | None,
+    resume: bool,
+    say: Progress,
+    workers: Workers,
+    accept_error: bool,
+    shared: SharedSolves | None = None,
+    large: bool | None = None,
+) -> Path:
+    """The map of a recipe that was read, with a device in the place of the one that it names: see `generate`.
+
+    Parameters
+    ----------
+    order, device
+        The recipe and the device.
+    output, resume, say, accept_error, large
+        As for `generate`.
+    workers
+        Who computes; they are started if there is something to compute.
+    shared
+        What maps of devices with the same iron have solved in this process; this one takes it and adds to it.
+        Maps of linear iron alone share.
+
+    Returns
+    -------
+    Path
+        The file.
+    """
+    target, plan = _target(order.file_name, output), order.currents
+    # Errors at keys name the lines of the recipe.
+    with order.document.placing():
+        if not device.coils and (plan is not None or not device.fixed_sources):
+            must_hold, remedy = "a device with at least one coil", "add a [[coil]] to the device"
+            raise RecipeError(AtKey("device", must_hold, "none", remedy))
+        fields = len(device.coils) + bool(device.fixed_sources) + (0 if plan is None else plan.fields)
+        grid = choose_grid(order.box(device), order.spacing)
+        if large is None:
+            large = bytes_of_numbers(grid, fields) > LARGE
+        if large:
+            grid = choose_grid(order.box(device), order.spacing, STEPS[0])
+        domain = None if plan is None else plan.domain(device.coil_names)
+        reference = _reference_current(order.reference_current, domain, len(device.coils))
+        if order.model == "hysteresis":
+            require_hysteresis(device)
+        info = _describe(device, grid, reference, order.title, order.text, plan is not None)
+        # Geometry checks hold the device and the box of the map together.
+        box = WorkspaceBox(grid.lower, grid.upper)
+        placed = Device.unchecked(**vars(device) | {"workspace": box})
+        check_geometry(placed)
+        require_distance(placed, grid, None if plan is None else plan.accuracy, accept_error)
+        if resume and (report := _finished(target, info)) is not None:
+            require_accuracy(report, plan, target, accept_error)
+            say("complete already", 1.0)
+            return target
+        if large:
+            say(before_the_start(device, grid, fields, target), 0.0)
+        with (
+            same_arithmetic(),
+            workers as team,
+            Checkpoint(
+                checkpoint_path(target), what_decides(info) | ({"form": "large"} if large else {}), resume
+            ) as checkpoint,
+            (LargeMapWriter if large else MapWriter)(target, info, checkpoint) as writer,
+        ):
+            if checkpoint.note:
+                say(f"{checkpoint.path.name}: {checkpoint.note}", 0.0)
+            try:
+                if plan is None or domain is None:
+                    _linear(order, placed, writer, team, say, shared or SharedSolves())
+                else:
+                    _saturating(order, placed, domain, plan, writer, team, say, accept_error)
+            except FieldmapError as error:
+                # No run goes on to another end where the field in the box is at fault.
+                if not len(checkpoint) or isinstance(error, RecipeError | MapFileError):
+                    writer.discard()
+                raise
+    say("complete", 1.0)
     return target
 
 
@@ -287,8 +323,15 @@ def _order(
     return order, read_recipe_device(order, changes)
 
 
-def _linear(order: Recipe, device: Device, writer: Writer, workers: Workers, say: Progress) -> None:
-    """The map of linear iron."""
+def _linear(
+    order: Recipe,
+    device: Device,
+    writer: Writer,
+    workers: Workers,
+    say: Progress,
+    shared: SharedSolves,
+) -> None:
+    """The map of linear iron. shared: what maps of devices with the same iron have solved."""
     forecast = Forecast(say, {"solving": 0.0, "nodes": 0.0, "certificate": 0.0})
     grid, checkpoint = writer.info.grid, writer.checkpoint
 
@@ -299,14 +342,20 @@ def _linear(order: Recipe, device: Device, writer: Writer, workers: Workers, say
     def solve() -> Kept:
         box = (grid.lower, grid.upper) if order.reaction else None
         solution, reaction, answers = solve_linear_and_reaction(
-            device, order.mu_r, order.tolerance, tell, order.refinement, box=box
+            of_single_turns(device),
+            order.mu_r,
+            order.tolerance,
+            tell,
+            order.refinement,
+            box=box,
+            shared=shared,
         )
         checkpoint.put(REACTION, *reaction_arrays(reaction))
         checkpoint.put(ANSWERS, *answers_arrays(answers))
-        return to_arrays(solution)
+        return to_arrays(solution, np.array([coil.turns for coil in device.coils]))
 
     solution = from_arrays(device, *kept(checkpoint, "solution", solve))
-    linkage = partial(linkage_of, solution)
+    linkage = partial(linkage_of, solution, shared)
     _fill(writer, order.tolerance, device, solution, linkage, workers, writer.info.field_scale, forecast)
 
 

@@ -34,6 +34,9 @@ _LEAST_UNDER_WAY = 16
 # Processes are counted again after so many seconds, and ours that are gone for good are replaced.
 _COUNTED_FOR_SECONDS = 1.0
 _SCALED_EVERY_MILLISECONDS = 2000
+# Work that waits for a first process says so this often: a cluster that adapts begins without one.
+_NO_PROCESS_TOLD_EVERY_MILLISECONDS = 60_000
+_LOG = logging.getLogger("fieldmap.parallel")
 # A scheduler that is there answers sooner.
 _ANSWERS_WITHIN_SECONDS = 20
 # Kernels have one set of threads per process: pieces of work take turns there, whatever number a worker accepts.
@@ -97,6 +100,9 @@ class Pool:
         self, function: Callable[..., R], items: Sequence[Any], common: Common[Any] | None
     ) -> Iterator[Outcome[R]]:
         """Outcomes, as they come."""
+        told = PeriodicCallback(self._tell_of_no_process, _NO_PROCESS_TOLD_EVERY_MILLISECONDS)
+        loop = self._client.loop
+        loop.add_callback(told.start)  # type: ignore[union-attr]
         try:
             yield from self._map(function, items, common)
         except Exception as error:
@@ -105,6 +111,13 @@ class Pool:
             remedy = "start a scheduler and do the same again: what is finished and kept is not done again"
             must_hold = "the dask scheduler must stay there until the work is done"
             raise SchedulerLost.of("workers", must_hold, "no connection to it", remedy) from error
+        finally:
+            loop.add_callback(told.stop)  # type: ignore[union-attr]
+
+    async def _tell_of_no_process(self) -> None:
+        if self._client.status == "running" and not await self._client.scheduler.ncores():  # type: ignore[union-attr]
+            where = self._client.scheduler.address  # type: ignore[union-attr]
+            _LOG.warning("the dask scheduler at %s has no worker: the work waits until one comes", where)
 
     def _map(
         self, function: Callable[..., R], items: Sequence[Any], common: Common[Any] | None

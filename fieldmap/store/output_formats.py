@@ -34,7 +34,7 @@ FORMATS: dict[str, Format] = {
     "recorded runs": _format(".h5 .hdf5", rb"\A\x89HDF.*fieldmap run"),
     "recorded run": _format(".csv", rb"\Atime \(s\),position x \(m\)"),
     "study": _format(".nc", rb"\A\x89HDF(?=.*_NCProperties)(?=.*fieldmap \d)"),
-    "study table": _format(".csv", rb"\A(design,role,|[^\n]*,currents,[^\n]*,problem\n)"),
+    "study table": _format(".csv", rb"\A(design,role,|[^\n]*,(currents|map_file),[^\n]*,problem\n)"),
     "device": _format(".toml", rb"\A# Written by fieldmap"),
     "table of a field": _format(".csv", rb"\A# [^\n]*\n# device: [^\n]*\n# frame: "),
     "VTK image data": _format(".vti", rb"<VTKFile type=.ImageData"),

@@ -26,6 +26,8 @@ from fieldmap.studies.machine_fit import (
     fit_machine,
     read_fit,
 )
+from fieldmap.studies.many_maps import ManyMaps, generate_many
+from fieldmap.studies.opened_maps import open_maps
 from fieldmap.studies.optimisation import optimise, solve_problem
 from fieldmap.studies.optimum import Check, LimitAtOptimum, NoFeasibleDesign, Optimum, Step
 from fieldmap.studies.reading import read_design_problem, read_study
@@ -52,6 +54,7 @@ __all__ = [
     "LimitAtOptimum",
     "Linked",
     "MachineFit",
+    "ManyMaps",
     "NoFeasibleDesign",
     "Number",
     "NumberSpread",
@@ -68,6 +71,8 @@ __all__ = [
     "Variable",
     "analyse_tolerances",
     "fit_machine",
+    "generate_many",
+    "open_maps",
     "optimise",
     "read_design_problem",
     "read_fit",

@@ -35,6 +35,9 @@ def _one_of_each(keys: Any) -> None:
         if len(there) != 1:
             received = " and ".join(there) or "none of them"
             raise broken(f"a study has {' or '.join(names)}", received, "give one of them")
+    if keys.optimise is not None and not keys.currents:
+        must_hold = "an optimisation has at least one set of currents"
+        raise broken(must_hold, "none", "add a table [[currents]]")
     if keys.recipe is not None and keys.iron is not None:
         remedy = "leave [iron] out, or name the device"
         raise broken("iron is that of the recipe", "recipe and [iron]", remedy)
@@ -69,8 +72,8 @@ class StudySettings(records.Record):
     ] = ()
     currents: Annotated[
         tuple[study.StatedCurrents, ...],
-        Key(study.Some[study.CurrentsKeys], "[[currents]] tables"),
-    ]
+        Key(list[study.CurrentsKeys], "[[currents]] tables; none where a study is for maps alone"),
+    ] = ()
     record: Annotated[study.Record, Key(table_of(study.Record), "the recorded quantities")] = field(
         default_factory=study.Record
     )

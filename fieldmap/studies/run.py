@@ -16,6 +16,7 @@ import numpy as np
 from fieldmap.arguments import raise_all
 from fieldmap.device.changes import changed
 from fieldmap.device.reader import device_of
+from fieldmap.errors import StudyError
 from fieldmap.extras import require
 from fieldmap.parallel import Common, Workers
 from fieldmap.plain import Plain, plain_items
@@ -134,6 +135,9 @@ def run_study(
     """
     require_xarray()
     order = study if isinstance(study, Study) else read_study(Path(study))
+    if not order.current_sets:
+        must_hold, remedy = "numbers are recorded at sets of currents", "add a table [[currents]]"
+        raise StudyError.of(f"{order.path}: currents", must_hold, "none", remedy)
     target = output_file(order.path, output)
     say = progress or (lambda message, fraction: None)
     with (
@@ -279,13 +283,25 @@ def _files(study: Study) -> dict[str, Any]:
     return {name: ((), text, {"long_name": meaning}) for name, (text, meaning) in texts.items()}
 
 
+def variant_coordinates(study: Study) -> dict[str, Any]:
+    """Coordinates of the data set along the varied keys, or along the variants one by one."""
+    if not study.axes:
+        return {"variant": ("variant", [variant.name for variant in study.variants])}
+    about = {
+        axis.name: {"long_name": axis.key} | ({"units": axis.unit} if axis.unit else {})
+        for axis in study.axes
+    }
+    return {axis.name: (axis.name, np.array(axis.values), about[axis.name]) for axis in study.axes}
+
+
+def variant_heads(study: Study) -> list[str]:
+    """Columns of the table for what is varied."""
+    return [f"{axis.name} ({axis.unit})" if axis.unit else axis.name for axis in study.axes] or ["variant"]
+
+
 def _coordinates(study: Study) -> dict[str, Any]:
     found: dict[str, Any] = {"currents": ("currents", [entry.name for entry in study.current_sets])}
-    for axis in study.axes:
-        about = {"long_name": axis.key} | ({"units": axis.unit} if axis.unit else {})
-        found[axis.name] = (axis.name, np.array(axis.values), about)
-    if not study.axes:
-        found["variant"] = ("variant", [variant.name for variant in study.variants])
+    found |= variant_coordinates(study)
     axes = {axis for quantity in recorded(study.record.groups) for axis in quantity.axes}
     found |= {axis: (axis, list(study.labels[axis])) for axis in sorted(axes - {"point"})}
     if "point" in axes:
@@ -320,9 +336,8 @@ def _csv_text(study: Study, results: Sequence[VariantResult], columns: Mapping[s
     A column is NAME [axis labels] (unit): `flux_density 1 z (T)` is B_z at the first point, `current 5 (A)` of coil 5.
     """
     names = number_names(study.record.groups, study.labels)
-    axes = [f"{axis.name} ({axis.unit})" if axis.unit else axis.name for axis in study.axes] or ["variant"]
     heads = [f"{name} ({quantity.unit})" for name, (quantity, _) in names.items()]
-    rows: list[list[Any]] = [[*axes, "currents", *heads, "problem"]]
+    rows: list[list[Any]] = [[*variant_heads(study), "currents", *heads, "problem"]]
     for v, result in enumerate(results):
         values = study.settings(v).values()
         for c, (entry, row) in enumerate(zip(study.current_sets, result.rows, strict=True)):

@@ -96,7 +96,7 @@ def fields() -> dict[str, FieldOfCurrents]:
     currents = divide_currents(*np.meshgrid(*axes, indexing="ij"), 1.25)
     slopes = np.broadcast_to(share.T, (5, 17, 17, 6, 20))
     table = CoreTable(spline_table(axes, LiftAndDirections(1.25), currents @ share.T, slopes))
-    return {"linear": linear, "table": FieldOfCurrents(unit_block(both), (), table=table, iron="table")}
+    return {"linear": linear, "table": FieldOfCurrents(unit_block(both), (), both, table=table, iron="table")}
 
 
 def machines() -> dict[str, Machine]:

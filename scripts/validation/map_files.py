@@ -353,15 +353,21 @@ def _run(
 ) -> list[tuple[float, str]]:
     """Seconds and text of each step of a run to its end; seen(text, process): called after each."""
     steps = []
-    with subprocess.Popen(
-        _command(recipe, target, where or {}), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-    ) as process:
+    with (
+        tempfile.TemporaryFile("w+") as errors,
+        subprocess.Popen(
+            _command(recipe, target, where or {}), stdout=subprocess.PIPE, stderr=errors, text=True
+        ) as process,
+    ):
         for line in process.stdout or ():
             second, _, text = line.strip().partition(" ")
             steps.append((float(second), text))
             seen(text, process)
-    if process.returncode:
-        raise subprocess.CalledProcessError(process.returncode, process.args)
+        if process.wait():
+            failed = subprocess.CalledProcessError(process.returncode, process.args)
+            errors.seek(0)
+            failed.add_note(errors.read()[-4000:])
+            raise failed
     if checkpoint_path(target).exists():
         raise FileExistsError(checkpoint_path(target))
     return steps

@@ -56,6 +56,30 @@ def test_a_study_in_which_every_variant_fails(study, command, tmp_path):
     assert "remedy" in err
 
 
+def test_a_map_of_each_variant(study, machine, tmp_path, command, answer):
+    study.write_text(study.read_text().replace(machine.device, "thin_loop.toml"))
+    over = Path(machine.recipe).with_name("turns.toml")
+    over.write_text(study.read_text())
+    index = tmp_path / "out" / "turns.nc"
+    words = ("map", machine.recipe, "--over", over, "-o", index)
+    code, printed, _ = command("", *words, "--part", "1/2")
+    assert (code, printed, index.exists()) == (0, "", False)
+    found = answer("", *words)
+    assert (found["maps"], found["failed"]) == (2, {})
+    assert [Path(path).suffix for path in found["files"]] == [".nc", ".csv"]
+    fields = [
+        fm.open_map(tmp_path / "out" / "turns" / f"{k}.h5").field([0.0, 0.0, -0.09], [1.0]) for k in (1, 2)
+    ]
+    np.testing.assert_allclose(fields[1], 2.0 * fields[0], rtol=1e-6)
+    assert fields[0][2] == pytest.approx(flux(-0.09) * 500 / 1000, rel=1e-3)
+    code, printed, _ = command("", *words)
+    assert code == 0
+    assert str(index) in printed
+    for wrong in (("--part", "3/2"), ("--part", "half"), ("--summary",), ("--set", "coil.loop.turns=3")):
+        assert command("", *words, *wrong)[0] == 2
+    assert command("", "map", machine.recipe, "--part", "1/2")[0] == 2
+
+
 @pytest.fixture
 def best(tmp_path):
     """Path of a study file with [optimise], its device beside it."""

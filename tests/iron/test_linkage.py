@@ -138,7 +138,7 @@ def test_law_integral():
 
 
 def test_a_stored_solution_keeps_its_linkages(forms):
-    stored = from_arrays(core_and_coils(), *to_arrays(forms["potential"]))
+    stored = from_arrays(core_and_coils(), *to_arrays(forms["potential"], np.ones(2)))
     np.testing.assert_array_equal(stored.inductance(), forms["potential"].inductance())
     with pytest.raises(InputError) as caught:
         replace(stored, iron_linkage=None).inductance()

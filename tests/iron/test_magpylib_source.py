@@ -229,7 +229,7 @@ def test_coils_alone_and_solutions_read_back(unit):
     whole = device(fm.LinearMaterial("iron", 2.0))
     core = whole.replace(bodies=whole.bodies[:1])
     solved = fm.solve_linear(core)
-    stored = from_arrays(core, *to_arrays(solved)).as_magpylib([1.0])
+    stored = from_arrays(core, *to_arrays(solved, np.ones(1))).as_magpylib([1.0])
     assert relative(stored.getB(AIR), solved.field(AIR, [1.0])) < 1e-12
     with pytest.raises(InputError) as caught:
         stored.getH(AIR)

@@ -1,5 +1,7 @@
 """Pieces of work in this process and in others: the same outcomes, whatever fails or dies on the way."""
 
+import json
+import logging
 import os
 import pickle
 import signal
@@ -8,6 +10,7 @@ import sys
 import threading
 import time
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -406,6 +409,31 @@ def test_a_worker_that_comes_later_takes_part_with_what_is_common(tmp_path):
         found += outcomes
     assert [one.value[1] for one in sorted(found, key=lambda one: one.index)] == data.tolist()
     assert {one.value[0] for one in found} == {first, second.pid, third.pid}
+
+
+def test_a_scheduler_without_workers_is_told_of_and_waited_for(tmp_path, monkeypatch):
+    from fieldmap.parallel import pool
+
+    monkeypatch.setattr(pool, "_NO_PROCESS_TOLD_EVERY_MILLISECONDS", 100)
+    told, handler = [], logging.Handler()
+    handler.emit = lambda record: told.append((record.levelno, record.getMessage()))
+    log = logging.getLogger("fieldmap")
+    log.addHandler(handler)
+    try:
+        with scheduler_of(tmp_path, 0) as (file, _, worker), Workers(scheduler=file) as workers:
+            address = json.loads(Path(file).read_text())["address"]
+            threading.Thread(target=lambda: (time.sleep(1), worker())).start()
+            assert workers.results(abs, [-3, 4]) == [3, 4]
+            before = len(told)
+            assert workers.results(abs, [-5]) == [5]
+            time.sleep(0.5)
+            # One more may have been on its way when the worker came; none comes while there is no work or a worker.
+            assert len(told) <= before + 1
+    finally:
+        log.removeHandler(handler)
+    assert len(told) >= 5
+    assert {level for level, _ in told} == {logging.WARNING}
+    assert all(address in message for _, message in told)
 
 
 def test_a_scheduler_that_dies_ends_the_run_with_an_error_at_once(tmp_path):

@@ -1,5 +1,6 @@
 """The script for a SLURM cluster: what it would submit, and a map made by jobs on this machine."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -39,6 +40,56 @@ def test_what_slurm_is_asked_for():
     worker = next(line for line in lines if "dask_worker" in line)
     for option in ("--nthreads 1", "--nworkers 4", "--nanny", "--lifetime 145m"):
         assert option in worker
+
+
+SLURM = """#!/bin/sh
+# In the place of sbatch: runs the tasks of a script one after the other.
+echo "$@" >> asked.txt
+cat > job.sh
+tasks=$(sed -n 's/^#SBATCH --array=1-//p' job.sh)
+for SLURM_ARRAY_TASK_ID in $(seq ${tasks:-1}); do
+    export SLURM_ARRAY_TASK_ID
+    sh job.sh >> log.txt 2>&1 || exit 1
+    ls -d loops/*.h5 loops.nc 2>/dev/null | wc -l >> there.txt
+done
+echo "77;cluster"
+"""
+
+LOOPS = """
+format = 1
+title = "Loops"
+recipe = "recipe.toml"
+
+[[vary]]
+name = "turns"
+key = "coil.*.turns"
+values = [100, 200, 300, 400, 500]
+"""
+
+
+def test_many_maps_by_an_array_job(tmp_path, monkeypatch):
+    for name, text in (
+        ("loop.toml", DEVICE),
+        ("recipe.toml", RECIPE),
+        ("loops.toml", LOOPS),
+        ("sbatch", SLURM),
+    ):
+        (tmp_path / name).write_text(text)
+    (tmp_path / "sbatch").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    monkeypatch.setenv("PYTHONPATH", str(SCRIPT.parents[1]))
+    asked = ["--array", "2", "--cores", "3", "--queue", "batch"]
+    command = ["map", "recipe.toml", "--over", "loops.toml", "-o", "loops.nc"]
+    lines = run(*asked, "--print", *command)
+    for directive in ("--array=1-2", "--cpus-per-task=3", "--partition=batch", "--mem=16G", "--ntasks=1"):
+        assert f"#SBATCH {directive}" in lines
+    assert run(*asked, *command, folder=tmp_path) == ["77", "77"]
+    assert (tmp_path / "asked.txt").read_text().splitlines() == [
+        "--parsable",
+        "--parsable --dependency=afterany:77",
+    ]
+    # Two maps of the first task, three of the second, and the index.
+    assert (tmp_path / "there.txt").read_text().split() == ["2", "5", "6"]
 
 
 def test_a_map_made_by_jobs(tmp_path):

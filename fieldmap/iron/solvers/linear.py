@@ -13,6 +13,7 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.iron.elements.bh_law import Magnetisation, straight_laws
 from fieldmap.iron.elements.flux_form import FluxForm
 from fieldmap.iron.elements.potential_form import ConvexForm, Magnetised, PotentialForm, linkage_and_coenergy
+from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
 from fieldmap.iron.materials import BodyProperties, background_notes, body_properties
 from fieldmap.iron.mesh.mesh import generate_mesh
@@ -29,6 +30,7 @@ from fieldmap.iron.reaction import (
 from fieldmap.iron.report import Progress, SolverReport, Stages, report_of
 from fieldmap.iron.sensitivity.adjoint import Origin
 from fieldmap.iron.solution import LinearSolution
+from fieldmap.iron.solvers.shared import SharedSolves, windings
 from fieldmap.typing import Array, PathLike
 
 _FORM_CLASSES: dict[str, type[PotentialForm] | type[FluxForm]] = {
@@ -107,6 +109,7 @@ def solve_linear_and_reaction(
     form: str = "auto",
     symmetry: str = "auto",
     box: tuple[Array, Array] | None = None,
+    shared: SharedSolves | None = None,
 ) -> tuple[LinearSolution, ReactionFields | None, DipoleAnswers | None]:
     """`solve_linear`, and on the same mesh the iron's reaction to magnets in a box and its answers to the sensors.
 
@@ -116,6 +119,9 @@ def solve_linear_and_reaction(
         As for `solve_linear`.
     box
         Lower and upper corner (3,) of the workspace, m, or None for no reaction.
+    shared
+        What solves of devices with the same iron have made, which this one takes and adds to. The solution then knows
+        no field inside the iron.
 
     Returns
     -------
@@ -150,20 +156,49 @@ def solve_linear_and_reaction(
     stages.next("meshing the iron", 0.02)
     mesh = generate_mesh(device, refinement, symmetry)
     stages.next("mutual potentials of the faces", 0.1)
-    iron = assemble(mesh)
+    once = shared or SharedSolves()
+    iron = once.operator(mesh, "iron", lambda: assemble(mesh))
     stages.next("coil fields and solution", 0.5)
-    problem = form_on(iron, form)
-    solution = replace(solved_in_form(device, problem, properties, tolerance, stages), origin=origin)
+    problem = once.operator(mesh, form, lambda: form_on(iron, form))
+    of_elements = properties.on(mesh)
+    of_iron = (form, of_elements.mu_r, of_elements.remanence, tolerance)
+
+    def solved_once() -> LinearSolution:
+        found = solved_in_form(device, problem, properties, tolerance, stages)
+        return found if shared is None else charges_alone(found)
+
+    solved = once.solve((*of_iron, device.background, windings(device.coils)), solved_once)
+    notes = properties.assumptions + geometry_notes(device)
+    report = replace(solved.report, seconds=stages.seconds, assumptions=notes)
+    about = (solved.has_remanence, report, solved.iron_linkage, device.sections, device.bounds)
+    solution = LinearSolution(device.coils, solved.mesh, solved.state, *about, device.background, origin)
     reaction = None
     if box is not None:
         stages.next("reaction of the iron to magnets in the workspace", 0.9)
-        alike = _magnetised(problem, properties)
-        reaction = reaction_fields(alike, iron.surface, box, images=images_of(iron))
+        reaction = once.solve(
+            (*of_iron, box),
+            lambda: reaction_fields(
+                _magnetised(problem, properties), iron.surface, box, images=images_of(iron)
+            ),
+        )
     answers = None
     if device.sensors:
-        answers = answers_to_sensors(_magnetised(problem, properties), iron.surface, device.sensors)
+        answers = once.solve(
+            (*of_iron, device.sensors),
+            lambda: answers_to_sensors(_magnetised(problem, properties), iron.surface, device.sensors),
+        )
     stages.done()
     return solution, reaction, answers
+
+
+def charges_alone(solution: LinearSolution) -> LinearSolution:
+    """What the field in the air needs of a solution: less memory."""
+    state = solution.state
+    assert state is not None  # there is iron
+    alone = IronState(
+        state.faces, state.density, state.flux_density[:, :0], state.iterations, state.residuals
+    )
+    return replace(solution, mesh=None, state=alone)
 
 
 def _magnetised(problem: ConvexForm, properties: BodyProperties) -> Magnetised:
