@@ -181,12 +181,15 @@ def riccati(
 ) -> tuple[Array, Array]:
     """The solution of the discrete Riccati equation, and the gain of the feedback that follows from it."""
     failures = (np.linalg.LinAlgError, ValueError)
+    # In the unit of R: a weight of 1e-11, such as that of a sensor's noise in m^2, hinders the ordering of the modes.
+    unit = float(np.abs(R).max())
+    weights = Q / unit, R / unit, None if S is None else S / unit
     try:
         try:
-            P = scipy.linalg.solve_discrete_are(A, B, Q, R, s=S)
+            P = unit * scipy.linalg.solve_discrete_are(A, B, *weights[:2], s=weights[2])
         except failures:
             # Balancing makes most problems easier to order, and a few harder.
-            P = scipy.linalg.solve_discrete_are(A, B, Q, R, s=S, balanced=False)
+            P = unit * scipy.linalg.solve_discrete_are(A, B, *weights[:2], s=weights[2], balanced=False)
     except failures as error:
         raise InputError.of(where, must, f"none ({error})", remedy) from None
     # If the input cannot reach a mode, the solver may return a solution that does not stabilise.

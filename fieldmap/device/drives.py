@@ -169,8 +169,12 @@ class DriveChoice(Record):
     bridge: Annotated[Bridge | None, Key(table_of(Bridge) | None, "at each coil, for bridge")] = None
     heating: Annotated[Heating | None, Key(table_of(Heating) | None, "how coupled windings warm up")] = None
     slope: Annotated[
-        Positive | None,
-        Key(..., "fastest change of what a coupled drive is asked for, A/s, or V/s of voltages", "per_s"),
+        float | None,
+        Key(
+            Positive | None,
+            "fastest change of what a coupled drive is asked for, A/s, or V/s of voltages",
+            "per_s",
+        ),
     ] = None
 
     def over(self, other: DriveChoice) -> dict[str, Any]:
