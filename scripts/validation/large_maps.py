@@ -82,9 +82,11 @@ done(seconds=time.perf_counter() - begin, worst=max(found.divergence, found.curl
 LOOK = """
 from pathlib import Path
 fm.open_map({small!r})
-opening = time.perf_counter()
-large = fm.open_map({path!r})
-opening = time.perf_counter() - opening
+opening = []
+for _ in range(3):
+    begun = time.perf_counter()
+    large = fm.open_map({path!r})
+    opening.append(time.perf_counter() - begun)
 small = fm.open_map({small!r})
 rng = np.random.default_rng(1)
 currents = rng.normal(size=len(large.coil_names))
@@ -106,7 +108,7 @@ for name, points in (("random", at_random), ("neighbours", near)):
     ratios[name + " first"] = times[id(large)][0] / times[id(small)][0]
 flux = [one.field(at_random, currents) for one in (large, small)]
 apart = np.linalg.norm(flux[0] - flux[1], axis=1).max() / np.linalg.norm(flux[1], axis=1).max()
-done(opening=opening, apart=float(apart), size=Path({path!r}).stat().st_size, cells=large.nbytes, **ratios)
+done(opening=min(opening), apart=float(apart), size=Path({path!r}).stat().st_size, cells=large.nbytes, **ratios)
 """
 
 
