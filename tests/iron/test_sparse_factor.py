@@ -91,6 +91,20 @@ def test_a_matrix_that_is_not_positive_is_refused():
         Elimination.of(matrix).factor(matrix.data)
 
 
+@pytest.mark.parametrize("apart", [1.0, 1e-10])
+def test_a_rough_factor_is_in_single_precision_where_that_can_tell_the_matrix_from_a_singular_one(apart):
+    """Two unknowns of every element that differ by a share `apart`: at 1e-10 only doubles see that it is positive."""
+    unknowns = np.arange(12).reshape(6, 2)
+    sums = ElementSums(unknowns, 12)
+    entries = sums.entries(np.tile([[1.0 + apart, 1.0], [1.0, 1.0]], (6, 1, 1)))
+    right = np.random.default_rng(4).random(12)
+    single = apart == 1.0
+    found = sums.rough_factor(entries)
+    assert found.bytes == sums.factor(entries).bytes / (2 if single else 1)
+    expected = np.linalg.solve(sums.matrix(entries).toarray(), right)
+    assert found.solve(right) == pytest.approx(expected, rel=1e-5 if single else 1e-4)
+
+
 def test_sums_over_elements_are_those_of_dense_matrices():
     rng = np.random.default_rng(3)
     unknowns = np.array([rng.permutation(12)[:4] for _ in range(20)])

@@ -110,6 +110,19 @@ def test_linear_iron_needs_a_mode_for_each_coil():
     assert linear.changes(exact, box.at(np.random.default_rng(2).random((20, 2)))).max() < 0.1
 
 
+def test_changes_to_first_order_are_those_of_solves_on_the_basis(free):
+    """Of linear iron exactly; of saturating iron the rest falls with the square of what the basis leaves out."""
+    currents = free.domain.at(np.random.default_rng(4).random((20, 3)))
+    linear = replace(free.model, tables=straight_laws(np.array([50.0])))
+    for model, count, close in ((linear, 2, 1e-5), (free.model, 6, 0.2), (free.model, 12, 0.1)):
+        whole = solved(model, currents, 1e-12)
+        states = condensation._States(model, currents, whole, free.fields, False)
+        basis = np.ascontiguousarray(np.linalg.svd(whole[:15])[2][:count].T)
+        expected = solved(model.combined(basis), currents, 1e-12) @ basis.T - whole
+        rest = np.abs(states.projected(basis) - expected).max(axis=1) / np.abs(expected).max(axis=1)
+        assert rest.max() < close
+
+
 def test_where_all_modes_are_needed_all_stay(free):
     seen = replace(free, fields=np.eye(free.model.modes))
     found = seen.condensed(1e-9 * ACCURACY)

@@ -8,6 +8,7 @@ import pytest
 from fieldmap.currents import CurrentDomain, IndependentCurrents
 from fieldmap.device.materials.froehlich import Froehlich
 from fieldmap.iron.elements.bh_law import law_tables, straight_laws
+from fieldmap.iron.solvers import reduced
 from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.maps.training import sampling
 from fieldmap.maps.training.currents import extreme_signals
@@ -137,6 +138,24 @@ def test_residuals_of_many_states_are_those_of_each(permeable):
             - permeable.model.air @ amplitudes[k]
         )
         np.testing.assert_allclose(found[k], wanted, rtol=1e-9, atol=1e-12 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("inductance", [0.0, 1.0])
+def test_totals_of_many_conditions_are_sums_over_the_points_of_each(permeable, monkeypatch, inductance):
+    """In blocks of points and of states that do not divide their numbers; unit vectors project without an error."""
+    monkeypatch.setattr(reduced, "_BLOCK", 130)
+    monkeypatch.setattr(reduced, "_AT_ONCE", 3)
+    model, weights = permeable.model, reduced.Weights(0.3, 0.3, inductance)
+    conditions = [
+        model.conditions(*state, permeable.fields, weights)
+        for state in zip(KNOWN, solved(model, KNOWN), strict=True)
+    ]
+    totals, squares = model.totals(conditions, np.eye(MODES + 3))
+    added = [one.of_points(model) for one in conditions]
+    for total, points in zip(totals, added, strict=True):
+        np.testing.assert_allclose(total, points.sum(axis=0), atol=1e-9 * np.abs(points).sum(axis=0).max())
+    wanted = sum((points[:, : MODES + 3] ** 2).sum(axis=1) for points in added)
+    np.testing.assert_allclose(squares, wanted, rtol=1e-9)
 
 
 def test_roots_of_the_tangent_add_up_to_the_share_of_the_law(permeable):

@@ -4,7 +4,7 @@ The amplitudes of the basis solve the projected equation of the potential form (
 law B(H) is evaluated at the points of the elements, as in the full model, and the functional stays convex.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -20,7 +20,7 @@ from fieldmap.iron.elements.bh_law import LawTables
 from fieldmap.iron.elements.nodal_elements import CoilField
 from fieldmap.iron.elements.potential_form import Magnetisation, PotentialForm
 from fieldmap.kernels.iron.magnetisation_law import magnetise, root_of_susceptibility
-from fieldmap.parallel import in_threads, threads_of_kernels
+from fieldmap.parallel import results_of
 from fieldmap.records import Record
 from fieldmap.threads import over_rows
 from fieldmap.typing import Array
@@ -93,8 +93,7 @@ class GalerkinModel(Record):
     def _solutions(self, currents: Array, starts: Array, near: "GalerkinModel", tolerance: float) -> Array:
         found, last = starts.copy(), np.full(len(starts), np.inf)
         pairs = list(zip(currents, starts, strict=True))
-        factor = in_threads(lambda pair: near.tangent_factor(*pair), pairs, threads_of_kernels())
-        factors = np.array([part.result() for part in factor])
+        factors = np.array(list(results_of(lambda pair: near.tangent_factor(*pair), pairs)))
         left, slow = np.arange(len(starts)), []
         for _ in range(_STEPS):
             residuals = self.residuals(currents[left], found[left])
@@ -117,16 +116,20 @@ class GalerkinModel(Record):
         """Residuals (s, r) of the projected equation at currents (s, c) and amplitudes (s, r)."""
 
         def of(first: int) -> Array:
-            points = slice(first, first + _BLOCK)
             rows = slice(3 * first, 3 * (first + _BLOCK))
-            h = self._strength(rows, currents.T, amplitudes.T)
-            magnetise(0, h.shape[0] // 3, h, self.weights[points], self.law[points], self.tables.arrays)
-            return np.asarray(h.T @ self.gradients[rows])
+            return np.asarray(self._magnetised(first, currents.T, amplitudes.T).T @ self.gradients[rows])
 
         total = self.constant - amplitudes @ self.air
-        for part in in_threads(of, range(0, len(self.weights), _BLOCK), threads_of_kernels()):
-            total += part.result()
+        for part in results_of(of, range(0, len(self.weights), _BLOCK)):
+            total += part
         return np.asarray(total)
+
+    def _magnetised(self, first: int, currents: Array, amplitudes: Array) -> Array:
+        """`moments` (3 p, s) of `_BLOCK` points from number `first` on, at currents (c, s) and amplitudes (r, s)."""
+        points, rows = slice(first, first + _BLOCK), slice(3 * first, 3 * (first + _BLOCK))
+        h = self._strength(rows, currents, amplitudes)
+        magnetise(0, h.shape[0] // 3, h, self.weights[points], self.law[points], self.tables.arrays)
+        return h
 
     def roots_of_tangent(self, currents: Array, amplitude: Array, factor: Array) -> Array:
         """Rows H (p, 3, r), so that the sum over the points of H^T H is the share of the law in the tangent K = L L^T
@@ -136,25 +139,23 @@ class GalerkinModel(Record):
 
     def tangent_factor(self, currents: Array, amplitude: Array) -> Array:
         """Cholesky factor (r, r), lower, of the tangent at currents (c,) and amplitudes (r,)."""
-        tangent = self.air.copy()
-        for first in range(0, len(self.weights), _BLOCK):
-            rows = slice(3 * first, 3 * (first + _BLOCK))
-            part = self._roots(first, currents, amplitude, self.gradients[rows]).reshape(-1, self.modes)
-            tangent += part.T @ part
-        return cholesky(tangent, lower=True)
+        return cholesky(self.air + self._of_law(currents, amplitude, self.gradients), lower=True)
 
-    def slopes(self, currents: Array, amplitude: Array, factor: Array) -> Array:
-        """Derivatives (r, c), 1/A, of the amplitudes (r,) of a state by the currents (c,), with the Cholesky factor of
-        its tangent: docs/theory/current_dependence.md, (5)."""
-        total = np.zeros((self.modes, self.source.shape[1]))
+    def factor_and_slopes(self, currents: Array, amplitude: Array) -> tuple[Array, Array]:
+        """`tangent_factor`, and the derivatives (r, c), 1/A, of the amplitudes of this state by the currents:
+        docs/theory/current_dependence.md, (5)."""
+        of_law = self._of_law(currents, amplitude, self.gradients, self.source)
+        factor = cholesky(self.air + of_law[: self.modes, : self.modes], lower=True)
+        return factor, np.asarray(cho_solve((factor, True), of_law[: self.modes, self.modes :]))
+
+    def _of_law(self, currents: Array, amplitude: Array, *functions: Array) -> Array:
+        """Sums (n, n) over the points of w f . (db/dh - 1) g for all pairs f, g of n functions (3 p, ...)."""
+        total = np.zeros(2 * (sum(of.shape[1] for of in functions),))
         for first in range(0, len(self.weights), _BLOCK):
-            rows = slice(3 * first, 3 * (first + _BLOCK))
-            of_modes, of_coils = (
-                self._roots(first, currents, amplitude, of[rows]).reshape(-1, of.shape[1])
-                for of in (self.gradients, self.source)
-            )
-            total += of_modes.T @ of_coils
-        return np.asarray(cho_solve((factor, True), total))
+            own = np.concatenate([of[3 * first : 3 * (first + _BLOCK)] for of in functions], axis=1)
+            part = self._roots(first, currents, amplitude, own).reshape(own.shape)
+            total += part.T @ part
+        return total
 
     def share_of_law(self, factor: Array) -> Array:
         """Share (r, r) of the law in a tangent K = L L^T, with its Cholesky factor L, in coordinates in which K is the
@@ -163,10 +164,11 @@ class GalerkinModel(Record):
         return np.eye(len(factor)) - solve_triangular(factor, half.T, lower=True)
 
     def _roots(self, first: int, currents: Array, amplitude: Array, of: Array) -> Array:
-        """Functions `of` (3 p, n) at points from number `first` on, times the root of w (db/dh - 1): (p, 3, n)."""
+        """Functions `of` (3 p, n) at points from number `first` on, times the root of w (db/dh - 1), (p, 3, n), in the
+        memory of `of`."""
         points, rows = slice(first, first + len(of) // 3), slice(3 * first, 3 * first + len(of))
         h = self._strength(rows, currents[:, None], amplitude[:, None])[:, 0]
-        out = of.reshape(-1, 3, of.shape[1]).copy()
+        out = of.reshape(-1, 3, of.shape[1])
         root_of_susceptibility(h, self.weights[points], self.law[points], self.tables.arrays, out)
         return out
 
@@ -188,10 +190,9 @@ class GalerkinModel(Record):
     ) -> "Conditions":
         """What a choice of points must meet at a state: see `Conditions`. fields (r, m): as for `error_coordinates`."""
         few = self._few
-        factor = few.tangent_factor(currents, amplitude)
+        factor, slopes = few.factor_and_slopes(currents, amplitude)
         by_fields = error_coordinates(factor, amplitude, fields, weights.energy)
         linked = few.moments(currents, amplitude).ravel() @ few.source
-        slopes = few.slopes(currents, amplitude, factor)
         combine = combinations(by_fields, slopes, linked, weights.linkage)
         scale = 0.0
         if weights.inductance:
@@ -262,6 +263,37 @@ class GalerkinModel(Record):
         if len(combine) > self.modes:
             of_points += self.source @ combine[self.modes :]
         return np.einsum("pi,pik->pk", moments, of_points.reshape(*moments.shape, -1))
+
+    def totals(self, conditions: Sequence["Conditions"], mixing: Array) -> tuple[list[Array], Array]:
+        """The numbers (k,) of all points at each of the conditions, in one pass over the points for many of them, and
+        the sums (p,) over the conditions of about the squares of what each point adds, by random projections, mixing
+        (r + c, m)."""
+        firsts = range(0, len(conditions), _AT_ONCE)
+        parts = [self._totals(conditions[first : first + _AT_ONCE], mixing) for first in firsts]
+        pairs = results_of(
+            lambda one: one.of_pairs(self).sum(axis=0) if one.inductance else np.zeros(0), conditions
+        )
+        totals = (total for some, _ in parts for total in some)
+        whole = [np.concatenate(both) for both in zip(totals, pairs, strict=True)]
+        return whole, np.sum([squares for _, squares in parts], axis=0)
+
+    def _totals(self, conditions: Sequence["Conditions"], mixing: Array) -> tuple[list[Array], Array]:
+        currents = np.array([one.currents for one in conditions]).T
+        amplitudes = np.array([one.amplitude for one in conditions]).T
+        mixed = np.concatenate([one.combine @ mixing for one in conditions], axis=1)
+
+        def of(first: int) -> tuple[Array, Array]:
+            rows = slice(3 * first, 3 * (first + _BLOCK))
+            functions = np.concatenate([self.gradients[rows], self.source[rows]], axis=1)
+            moments = self._magnetised(first, currents, amplitudes)
+            added = (functions @ mixed).reshape(-1, 3, len(conditions), mixing.shape[1])
+            added = np.einsum("pik,pikm->pkm", moments.reshape(-1, 3, len(conditions)), added)
+            return moments.T @ functions, np.einsum("pkm,pkm->p", added, added)
+
+        sums, squares = zip(*results_of(of, range(0, len(self.weights), _BLOCK)), strict=True)
+        of_all = np.sum(sums, axis=0)
+        totals = [row @ one.combine for row, one in zip(of_all, conditions, strict=True)]
+        return totals, np.concatenate(squares)
 
     def combined(self, basis: Array) -> "GalerkinModel":
         """The same model on combinations (r, q) of its modes."""
@@ -336,18 +368,10 @@ class Conditions(Record):
     def of_points(self, model: GalerkinModel) -> Array:
         """What each point of a model adds to the numbers, (p, k)."""
         added = model.contributions(model.moments(self.currents, self.amplitude), self.combine)
-        return np.concatenate([added, self._of_pairs(model)], axis=1) if self.inductance else added
+        return np.concatenate([added, self.of_pairs(model)], axis=1) if self.inductance else added
 
-    def sizes(self, model: GalerkinModel, mixing: Array) -> tuple[Array, Array]:
-        """The numbers (k,) of all points of a model, and about the lengths (p,) of what each adds, by random
-        projections, mixing (r + c, m)."""
-        moments = model.moments(self.currents, self.amplitude)
-        lengths = np.linalg.norm(model.contributions(moments, self.combine @ mixing), axis=1)
-        whole = model.sums(moments) @ self.combine
-        pairs = self._of_pairs(model).sum(axis=0) if self.inductance else np.zeros(0)
-        return np.concatenate([whole, pairs]), lengths
-
-    def _of_pairs(self, model: GalerkinModel) -> Array:
+    def of_pairs(self, model: GalerkinModel) -> Array:
+        """The last of these numbers: what each point adds to the inductances, (p, n)."""
         return self.inductance * model.inductances(self.currents, self.amplitude, self.slopes)
 
 

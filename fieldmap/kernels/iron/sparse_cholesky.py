@@ -208,7 +208,8 @@ def _eliminate(front, size, width):
             if not pivot > 0.0:
                 return False
             row = front[j * size + j : (j + 1) * size]
-            _scale(1.0 / math.sqrt(pivot), row)
+            # 1 / sqrt in the precision of the front: a literal would be double.
+            _scale(math.sqrt(pivot) / pivot, row)
             for k in range(j + 1, end):
                 _add(-row[k - j], row[k - j :], front[k * size + k : (k + 1) * size])
         whole = end - begin == _UNROLLED
@@ -234,7 +235,7 @@ def factorise(values, entry_start, place, start, row_start, parent, relative, pa
     top, largest = 0, 0
     for s in range(nodes):
         largest = max(largest, row_start[s + 1] - row_start[s])
-    scratch = np.empty(largest * largest)
+    scratch = np.empty(largest * largest, panels.dtype)
     begin_of = np.empty(nodes, np.int64)
     waiting, stack = 0, np.empty(nodes, np.int64)
     for s in range(nodes):

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from scipy.linalg import cho_solve, eigh
+from scipy.linalg import cho_factor, cho_solve, eigh
 
 from fieldmap.currents import CurrentDomain
 from fieldmap.iron.solvers.reduced import GalerkinModel, Weights
@@ -120,7 +120,7 @@ def condensed(
     states = _States(trained, by, of_by, fields, inductance)
 
     def changed(model: GalerkinModel, basis: Array) -> float:
-        changes = _changes(model, basis, tried, others, _EXACT)
+        changes = _changes(model, basis, tried, others)
         return float(off(tried, others, changes).max()) / accuracy
 
     found = _fewest(
@@ -169,30 +169,37 @@ class _States:
         # The least size avoids division by zero for a state without a field.
         self._size = np.maximum(size, 1e-3 * size.max()) if size.any() else np.ones(len(size))
 
-        def adjoint(k: int) -> tuple[Array, Array]:
-            factor = model.tangent_factor(currents[k], amplitudes[k])
+        def about(k: int) -> tuple[Array, Array, Array]:
+            factor, slopes = model.factor_and_slopes(currents[k], amplitudes[k])
             fallen = np.asarray(cho_solve((factor, True), fields)) / self._size[k]
-            slopes = (
-                model.slopes(currents[k], amplitudes[k], factor) if inductance else np.zeros((len(fallen), 0))
-            )
-            return fallen, slopes
+            return fallen, slopes if inductance else slopes[:, :0], factor
 
-        pairs = zip(*results_of(adjoint, range(len(currents))), strict=True)
-        self._adjoint, self._slopes = (np.array(each) for each in pairs)
+        found = zip(*results_of(about, range(len(currents))), strict=True)
+        self._adjoint, self._slopes, self._factors = (np.array(each) for each in found)
 
     def combined(self, count: int, off: Off) -> Few:
         """The model on `count` combinations of its modes, and the basis (r, count)."""
         # The weights begin equal, so that the result does not depend on numbers of modes that were tried before.
         weights = np.ones(len(self._currents))
         for _ in range(_ROUNDS):
-            model, basis = self._combined(count, weights)
-            changes = _changes(model, basis, self._currents, self._amplitudes, _ROUGH)
-            error = off(self._currents, self._amplitudes, changes)
+            error = off(self._currents, self._amplitudes, self.projected(self._basis(count, weights)))
             weights *= 0.5 + error / (error.mean() or 1.0)
             weights /= weights.mean()
-        return self._combined(count, weights)
+        basis = self._basis(count, weights)
+        return self._model.combined(basis), basis
 
-    def _combined(self, count: int, weights: Array) -> Few:
+    def projected(self, basis: Array) -> Array:
+        """Changes (s, r) of the amplitudes by a basis (r, q), to first order: what a projection in the norm of the
+        state's tangent leaves. It takes a tenth of the time of solves on the basis."""
+
+        def of(k: int) -> Array:
+            along, amplitude = self._factors[k].T @ basis, self._amplitudes[k]
+            few = cho_solve(cho_factor(along.T @ along), along.T @ (self._factors[k].T @ amplitude))
+            return np.asarray(basis @ few - amplitude)
+
+        return np.array(list(results_of(of, range(len(self._amplitudes)))))
+
+    def _basis(self, count: int, weights: Array) -> Array:
         root = np.sqrt(weights)
         rows = self._amplitudes * (root / self._size)[:, None]
         adjoint = np.concatenate(self._adjoint * root[:, None, None], axis=1)
@@ -200,8 +207,7 @@ class _States:
         product = _one(rows.T @ rows) + _ADJOINT**2 * _one(adjoint @ adjoint.T)
         product += _SLOPES**2 * _one(slopes @ slopes.T)
         last = len(product)
-        basis = np.ascontiguousarray(eigh(product, subset_by_index=(last - count, last - 1))[1][:, ::-1])
-        return self._model.combined(basis), basis
+        return np.ascontiguousarray(eigh(product, subset_by_index=(last - count, last - 1))[1][:, ::-1])
 
     def conditions(self, model: GalerkinModel, basis: Array, accuracy: float) -> tuple[Array, Array, float]:
         """Normal equations for factors (p,) on the weights of the points.
@@ -245,10 +251,10 @@ def _currents(domain: CurrentDomain) -> tuple[Array, Array]:
     return by, tried
 
 
-def _changes(model: GalerkinModel, basis: Array, currents: Array, amplitudes: Array, exact: float) -> Array:
-    """Changes (s, r) of the amplitudes (s, r) at currents (s, c) by the model on a basis (r, q). `exact`: tolerance."""
+def _changes(model: GalerkinModel, basis: Array, currents: Array, amplitudes: Array) -> Array:
+    """Changes (s, r) of the amplitudes (s, r) at currents (s, c) by the model on a basis (r, q)."""
     starts = [basis.T @ amplitude for amplitude in amplitudes]
-    found = solved(model, currents, np.array(starts), exact)
+    found = solved(model, currents, np.array(starts), _EXACT)
     # Each state by itself: one product of all states would round differently for different numbers of states.
     return np.array([basis @ few for few in found]) - amplitudes
 

@@ -101,17 +101,20 @@ class Cubature:
             Function that gives rows H (m, 3, r) of m points; T is the sum of H^T H over all points.
         """
         rows = roots(self.candidates)
-        modes = rows.shape[2]
+        count, modes = len(rows), rows.shape[2]
         flat = np.ascontiguousarray(rows.reshape(-1, modes))
 
         def of(first: int) -> Array:
-            some = flat[3 * first : 3 * (first + _POINTS)]
-            squares = (some @ flat.T) ** 2
-            return np.asarray(squares.reshape(-1, 3, len(rows), 3).sum(axis=(1, 3)))
+            """Of `_POINTS` points and those from them on: the products are symmetric."""
+            products = flat[3 * first : 3 * (first + _POINTS)] @ flat[3 * first :].T
+            parts = products.reshape(-1, 3, count - first, 3)
+            return np.einsum("piqj,piqj->pq", parts, parts)
 
-        firsts = range(0, len(rows), _POINTS)
+        firsts = range(0, count, _POINTS)
         for first, part in zip(firsts, results_of(of, firsts), strict=True):
-            self._of_tangents[first : first + _POINTS] += part
+            last = first + len(part)
+            self._of_tangents[first:last, first:] += part
+            self._of_tangents[last:, first:last] += part[:, len(part) :].T
         self._wanted_of_tangents += np.einsum("pij,pij->p", rows @ whole, rows)
         self._square_of_tangents += float((whole**2).sum())
         # Eigenvalues of a random symmetric matrix reach one where the squares of its entries add up to a quarter of its

@@ -7,7 +7,7 @@ iron. States with too large an error become conditions of the next choice, and o
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -201,15 +201,23 @@ class _Choice:
         Returns the importance (p,) of the points: about the root of the sum, over states, of their squared
         contributions. tell(k) is called when k states are done.
         """
-        pairs = [_contributions(self._full, *state, self._fields, self._weights) for state in states]
-        self._contributions += [of for _, of in pairs]
-        squares = np.zeros(len(self._full.weights))
+        full, found = self._full, []
+
+        def conditions(state: tuple[Array, Array]) -> Conditions:
+            return full.conditions(*state, self._fields, self._weights)
+
         tell(0)
-        for done, (total, sizes) in enumerate(results_of(lambda pair: pair[0](), pairs), start=1):
-            self._totals.append(total)
-            squares += sizes**2
+        for done, one in enumerate(results_of(conditions, states), start=1):
+            found.append(one)
             tell(done)
-        return np.asarray(np.sqrt(squares))
+        self._contributions += [partial(_added, full, one) for one in found]
+        # Random projections estimate the sizes (Drineas, Magdon-Ismail, Mahoney and Woodruff, J. Mach. Learn. Res. 13
+        # (2012) 3475).
+        count = full.modes + full.source.shape[1]
+        mixing = np.random.default_rng(0).standard_normal((count, _PROJECTIONS))
+        totals, squares = full.totals(found, mixing)
+        self._totals += totals
+        return np.sqrt(squares)
 
     def widen(self) -> bool:
         """Double the most points if all of them are used, otherwise the candidates; False if there are no more."""
@@ -295,30 +303,6 @@ def _tangent(model: GalerkinModel, currents: Array, amplitude: Array) -> tuple[A
     return model.share_of_law(factor), of
 
 
-def _contributions(
-    model: GalerkinModel, currents: Array, amplitude: Array, fields: Array, weights: Weights
-) -> tuple[Callable[[], tuple[Array, Array]], OfPoints]:
-    """Contributions of the points to the `Conditions` at a state.
-
-    Returns
-    -------
-    tuple[Callable[[], tuple[Array, Array]], OfPoints]
-        A function that gives the sum (k,) over all points and the approximate size (p,) of each contribution,
-        and a function that gives the contributions (m, k) of some points.
-    """
-    # Random projections estimate the sizes (Drineas, Magdon-Ismail, Mahoney and Woodruff, J. Mach. Learn. Res. 13
-    # (2012) 3475).
-    count = model.modes + model.source.shape[1]
-    mixing = np.random.default_rng(0).standard_normal((count, _PROJECTIONS))
-
-    @cache
-    def conditions() -> Conditions:
-        return model.conditions(currents, amplitude, fields, weights)
-
-    def summed() -> tuple[Array, Array]:
-        return conditions().sizes(model, mixing)
-
-    def of(points: NDArray[np.int64]) -> Array:
-        return conditions().of_points(model.sampled(points, model.weights[points]))
-
-    return summed, of
+def _added(model: GalerkinModel, conditions: Conditions, points: NDArray[np.int64]) -> Array:
+    """Contributions (m, k) of some points to the numbers of the conditions."""
+    return conditions.of_points(model.sampled(points, model.weights[points]))

@@ -16,6 +16,7 @@ from fieldmap.maps.training.plan import Plan
 from fieldmap.maps.training.reduction import Reduction
 from fieldmap.maps.training.sampling import OF_STATES, ROUNDS, sampled
 from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates, Stored, Wanted
+from fieldmap.parallel import results_of
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -196,7 +197,8 @@ class Training:
         Parameters
         ----------
         predict
-            predict(currents (c,)) gives the nodal potential (n,) at which the solve begins.
+            predict(currents (c,)) gives the nodal potential (n,) at which the solve begins. It is called from several
+            threads.
         currents
             (s, c), A.
         first
@@ -228,13 +230,10 @@ class Training:
 
         while left:
             batch = self.different(currents, left)
+            new = [k for k in batch if self.states.known(first + k, currents[k]) is None]
+            starts = dict(zip(new, results_of(lambda k: predict(currents[k]), new), strict=True))
             wanted = [
-                Wanted(
-                    first + k,
-                    currents[k],
-                    None if self.states.known(first + k, currents[k]) else predict(currents[k]),
-                    None if directions is None else directions[k],
-                )
+                Wanted(first + k, currents[k], starts.get(k), None if directions is None else directions[k])
                 for k in batch
             ]
             for k, solved in zip(batch, self.states.solve(wanted, self.tolerance, tell), strict=True):
@@ -323,7 +322,7 @@ def next_round(training: Training, numbers: range, needed: int) -> Round | None:
     """
     before, modes = training.known.solved, training.modes()
     currents = training.currents[numbers.start : numbers.stop]
-    starts = modes.basis @ np.array([modes.amplitude(values) for values in currents]).T
+    starts = modes.basis @ np.array(list(results_of(modes.amplitude, list(currents)))).T
     new, known = Snapshots(training.solver), []
     for k, solved in enumerate(training.solve(numbers, list(starts.T.copy()), needed)):
         if solved is not None:

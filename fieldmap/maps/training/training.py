@@ -423,7 +423,7 @@ def linkage_error(
         ours = (model.sums(moments)[model.modes :] + model.remanent) / MU0
         shares.append(_off(ours, solver.iron_linkage(currents, potential)))
         if len(of_inductance) < _INDUCTANCES:
-            slopes = model.slopes(currents, amplitude, model.tangent_factor(currents, amplitude))
+            slopes = model.factor_and_slopes(currents, amplitude)[1]
             ours = model.inductance(currents, amplitude, slopes) / MU0
             of_inductance.append(_off(ours, solver.iron_inductance(currents, potential)[one, other]))
     named = {"share": max(shares), "states": len(shares)}
