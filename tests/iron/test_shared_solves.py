@@ -130,5 +130,6 @@ def test_names_and_copper_change_nothing():
     text = DEVICE.replace('name = "coil"', 'name = "other"\nresistance_ohm = 3.0')
     other = solve_linear_and_reaction(fm.read_device(text), box=device.bounds, shared=shared)
     assert other[0].state is kept[0].state
+    assert other[0].report.assumptions == kept[0].report.assumptions == fm.solve_linear(device).assumptions
     assert other[0].coil_names == ("other",)
     assert other[1] is kept[1]

@@ -168,8 +168,9 @@ def solve_linear_and_reaction(
         return found if shared is None else charges_alone(found)
 
     solved = once.solve((*of_iron, device.background, windings(device.coils)), solved_once)
+    assert solved.state is not None  # there is iron
     notes = properties.assumptions + geometry_notes(device)
-    report = replace(solved.report, seconds=stages.seconds, assumptions=notes)
+    report = report_of(problem, solved.state, stages.seconds, notes)
     about = (solved.has_remanence, report, solved.iron_linkage, device.sections, device.bounds)
     solution = LinearSolution(device.coils, solved.mesh, solved.state, *about, device.background, origin)
     reaction = None
