@@ -48,7 +48,7 @@ def ranged(low, high):
 
 # What is called, with what is taken, and with what is not: two million nodes are 125 x 125 x 128.
 LIMITS = {
-    "most nodes of a map": (mapped, [(125, 125, 128), (128, 125, 125)], [(125, 125, 129), (126, 125, 128)]),
+    "no limit of a map's nodes": (mapped, [(125, 125, 129), (300, 300, 300)], []),
     "fewest nodes of a map": (mapped, [(5, 5, 5), (5, 9, 8)], [(4, 9, 9), (9, 4, 9), (9, 9, 4)]),
     "most nodes of a fit": (fitted, [(125, 125, 128)], [(125, 125, 129), (126, 125, 128)]),
     "steps of a period": (stepped, [(1e6,)], [(1.001e6,)]),

@@ -28,6 +28,8 @@ _STEPS, _TRIALS = 100, 30
 _FIRST_DAMPING, _LEAST_DAMPING = 1e-3, 1e-9
 # In `_UNITS`: a smaller step ends a search.
 _ENOUGH = 1e-6
+# Shares of the squares of the readings that a pose may leave unexplained, unless they are so few squares of deviations.
+_EXPLAINED, _IN_NOISE = 0.25, 100.0
 # Places that are asked about at a time: each point of a magnet takes memory.
 _AT_ONCE = 500
 # Shares of sizes below which dipoles lie as those of a round magnet do.
@@ -169,7 +171,8 @@ def estimate_pose(
     InputError
         For a map without sensors, a body with soft iron, and another number of readings.
     NotConverged
-        Where the search does not end, or would have to leave the map.
+        Where the search does not end, or would have to leave the map; where it ends at a pose that leaves half of the
+        readings unexplained (and those are no noise).
     """
     model = _Model.of("estimate_pose", field_map, body, deviation)
     middle = 0.5 * (field_map.lower + field_map.upper)
@@ -191,6 +194,8 @@ def estimate_pose(
             blocked |= found is None
             # At the edge of the map steps are small, too.
             if not blocked and np.linalg.norm(step) < _ENOUGH:
+                if off @ off > max(_EXPLAINED * np.sum((wanted / model.noise) ** 2), _IN_NOISE * len(off)):
+                    raise _no_pose(off, "must be explained by a pose in the map")
                 covariance, deviations = _spread(values, directions)
                 return PoseEstimate(place, turn, covariance, deviations, off * model.noise, steps)
             if found is not None:
@@ -208,9 +213,13 @@ def estimate_pose(
             _LEAST_DAMPING,
         )
         (place, turn), weighed, off = moved, found[1], after
+    raise _no_pose(off, "the search must end in the map")
+
+
+def _no_pose(off: Array, must_hold: str) -> NotConverged:
     remedy = "begin nearer to the pose, or add sensors; readings beyond the range of a sensor tell nothing"
     received = f"readings that are off by {np.sqrt(off @ off / len(off)):.3g} deviations"
-    raise NotConverged.of("estimate_pose", "the search must end in the map", received, remedy)
+    return NotConverged.of("estimate_pose", must_hold, received, remedy)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -100,7 +100,18 @@ class LargeMapWriter:
 
     @staticmethod
     def written(target: Path) -> int:
-        """Bytes on the disk of the parts of a map that an earlier run has written; 0 where the system does not say."""
+        """Bytes on the disk of the parts of a map that an earlier run has written; 0 where the system does not say.
+
+        Parameters
+        ----------
+        target
+            Path of the map.
+
+        Returns
+        -------
+        int
+            The bytes.
+        """
         path = _path_of_numbers(target)
         return 512 * getattr(path.stat(), "st_blocks", 0) if path.is_file() else 0
 
@@ -215,7 +226,15 @@ class LargeMapWriter:
             self._block = data.get_offset(), count
 
     def put_coefficients(self, first: int, values: Array) -> None:
-        """Write coefficients from number `first` on."""
+        """Write coefficients.
+
+        Parameters
+        ----------
+        first
+            Number of the first of them in the block of `allocate`.
+        values
+            The coefficients (n,).
+        """
         with disk_errors(self.target):
             self._put(self._block[0] + 8 * first, values)
 

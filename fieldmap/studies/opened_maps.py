@@ -40,9 +40,11 @@ def open_maps(index: PathLike, currents: Any = None) -> xarray.Dataset:
     FieldmapError
         Where xarray or h5netcdf are missing.
     InputError
-        If there is no map, or if the maps have different nodes.
+        If there is no such file or no map, or if the maps have different nodes.
     """
-    module = require_xarray()
+    module, index = require_xarray(), Path(index)
+    remedy = "give the .nc file that fieldmap map --over wrote"
+    check(index.is_file(), str(index), "must be the index of many maps", "no such file", remedy)
     with module.open_dataset(index, engine="h5netcdf") as stored:
         data: xarray.Dataset = stored.load()
     files = np.where(data.problem == "", data.map_file, "")
@@ -53,7 +55,7 @@ def open_maps(index: PathLike, currents: Any = None) -> xarray.Dataset:
         must_hold = "the maps of one data set must have the same nodes"
         remedy = "open them one by one with fieldmap.open_map"
         check(bool((values == values[0]).all()), f"{index}: {of_grid}", must_hold, "different ones", remedy)
-    maps = _Maps(Path(index).parent, files, currents)
+    maps = _Maps(index.parent, files, currents)
     pattern = maps.at(str(there[0]))
     fields = [str(name) for name in pattern.data_vars if "x" in pattern[name].dims]
     found = data.assign_coords({name: pattern[name] for name in pattern.coords})

@@ -504,7 +504,7 @@ def test_threads_are_at_least_one(dipoles, asked, threads):
 
 
 # What is equal where its numbers are; all other records hold arrays, and are equal to themselves alone.
-OF_NUMBERS = {"Shortfall", "IronModel", "IronOfMap", "MapOutput", "Errors", "ExtremesTried", "Round"}
+OF_NUMBERS = {"Shortfall", "IronModel", "IronOfMap", "MapOutput", "Errors", "ExtremesTried", "Round", "Needs"}
 
 
 @pytest.mark.parametrize("package", ["fieldmap.lookup", "fieldmap.maps"])
