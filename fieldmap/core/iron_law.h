@@ -265,6 +265,14 @@ static inline void fieldmap_cells_finish(fieldmap_cell_lanes *s)
     s->count = 0;
 }
 
+/* Whether a cell that remembers p[3] stays in the field h[3] of this size. One that ended a move in this field is farther than
+ * kappa by rounding only. */
+static inline int fieldmap_cell_stays(const double *h, const double *p, double kappa, double size)
+{
+    const double x = h[0] - p[0], y = h[1] - p[1], z = h[2] - p[2], reach = kappa + 1e-15 * (size + kappa);
+    return x * x + y * y + z * z <= reach * reach;
+}
+
 /* Begin j[3], `weight` times the polarisation of `cells` cells in the field h, and fill it by fieldmap_cells_finish. shares: their
  * weights, with the sum 1. before, after: what they remember, and would: 4 numbers each, reversible field and ratio of the
  * polarisation to it. susceptible: weight dJ/dh, entries xx, xy, xz, yy, yz, zz. piece: for each cell. after, susceptible and
@@ -277,29 +285,30 @@ static inline void fieldmap_cells_add(fieldmap_cell_lanes *moving, const fieldma
     int i, k;
     for (i = 0; i < 3; i++) j[i] = 0.0;
     for (i = 0; i < 6 && susceptible != NULL; i++) susceptible[i] = 0.0;
-    for (k = 0; k < cells; k++, before += 4) {
-        const double share = weight * shares[k], kappa = pinning[k], rounding = 1e-15 * (size + kappa);
-        const double x = h[0] - before[0], y = h[1] - before[1], z = h[2] - before[2];
-        const int m = moving->count;
+    /* First those that wait in no lane: then the order of a sum does not depend on how full the lanes are. */
+    for (k = 0; k < cells; k++) {
+        const double share = weight * shares[k], *p = before + 4 * k;
         double *then = after == NULL ? NULL : after + 4 * k;
-        int at = piece == NULL ? of->low : piece[k];
-        if (kappa == 0.0) {
+        if (pinning[k] == 0.0) {
+            int at = piece == NULL ? of->low : piece[k];
             double slope, chord = fieldmap_iron_chord(of, &at, size, &slope);
             fieldmap_cell_moved(share, h, h, 0.0, 0.0, chord, slope, j, then, susceptible);
             if (piece != NULL) piece[k] = at;
-            continue;
+        } else if (fieldmap_cell_stays(h, p, pinning[k], size)) {
+            for (i = 0; i < 3; i++) j[i] += share * p[3] * p[i];
+            for (i = 0; i < 4 && then != NULL; i++) then[i] = p[i];
         }
-        /* A cell that ended a move in this field is farther than kappa by rounding only. */
-        if (x * x + y * y + z * z <= (kappa + rounding) * (kappa + rounding)) {
-            for (i = 0; i < 3; i++) j[i] += share * before[3] * before[i];
-            for (i = 0; i < 4 && then != NULL; i++) then[i] = before[i];
-            continue;
-        }
-        for (i = 0; i < 3; i++) moving->h[i][m] = h[i];
-        moving->step[0][m] = x, moving->step[1][m] = y, moving->step[2][m] = z, moving->kappa[m] = kappa;
-        moving->ratio[m] = before[3], moving->share[m] = share, moving->before[m] = before, moving->j[m] = j;
-        moving->after[m] = then, moving->susceptible[m] = susceptible;
-        moving->of[m] = *of, moving->piece[m] = at, moving->known[m] = piece == NULL ? NULL : piece + k;
+    }
+    for (k = 0; k < cells; k++) {
+        const double *p = before + 4 * k;
+        const int m = moving->count;
+        if (pinning[k] == 0.0 || fieldmap_cell_stays(h, p, pinning[k], size)) continue;
+        for (i = 0; i < 3; i++) moving->h[i][m] = h[i], moving->step[i][m] = h[i] - p[i];
+        moving->kappa[m] = pinning[k], moving->ratio[m] = p[3], moving->share[m] = weight * shares[k];
+        moving->before[m] = p, moving->j[m] = j, moving->susceptible[m] = susceptible;
+        moving->after[m] = after == NULL ? NULL : after + 4 * k;
+        moving->known[m] = piece == NULL ? NULL : piece + k;
+        moving->of[m] = *of, moving->piece[m] = piece == NULL ? of->low : piece[k];
         if (++moving->count == FIELDMAP_CELL_LANES) fieldmap_cells_finish(moving);
     }
 }

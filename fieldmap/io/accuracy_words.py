@@ -57,9 +57,7 @@ def accuracy_words(summary: MapSummary) -> Iterator[tuple[str, str]]:
 
 def _linkages(share: float, states: int, inductance_share: float = 0.0, inductance_states: int = 0) -> str:
     """Errors of the flux linkages that saturating iron adds, and of inductances where these are known."""
-    said = (
-        f"largest error {100 * share:.2g} % of the iron's largest flux linkage, at {states} states at random"
-    )
+    said = f"largest error {100 * share:.2g} % of the iron's largest flux linkage, at {states} states"
     if not inductance_states:
         return said
     return f"{said}, {100 * inductance_share:.2g} % of the largest inductance, at {inductance_states} of them"

@@ -289,3 +289,17 @@ def test_arrays_that_do_not_fit_are_refused(library, changed, error):
     rows, after = (changed.get(name, value) for name, value in rest.items())
     with pytest.raises(error):
         library.cells_respond(*rows, of, np.ones((2, 3)), np.zeros((2, 4, 4)), np.empty((2, 3)), after, None)
+
+
+def test_points_have_the_same_bits_alone_and_among_others(points):
+    """Threads take pieces of the points: then results do not depend on the number of threads."""
+    h, previous = points
+    # Some cells stay, some move.
+    before = law(h, previous)[2]
+    for near in (h + 1e-4, 0.7 * h):
+        whole = law(near, before)
+        assert 0.1 < (whole[2] == before).all(axis=-1).mean() < 0.9
+        for k in range(len(h)):
+            alone = law(near[k : k + 1], before[k : k + 1])
+            for mine, ours in zip(alone, whole, strict=True):
+                np.testing.assert_array_equal(mine[0], ours[k])

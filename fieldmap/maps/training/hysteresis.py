@@ -119,7 +119,10 @@ def train_along_paths(
         "error_parts": {"modes_leave": reduction.left, "taken": taken, "limits": reduction.limits},
         "report": known[0].report,
         "level_of_histories": level.tolist(),
-        "linkage_error": {"share": reduction.linkage_error(tried), "states": held_out * STEPS},
+        "linkage_error": {
+            "share": reduction.linkage_error([*tried, *known]),
+            "states": trained_on + held_out * STEPS,
+        },
     }
     weights = np.abs(np.concatenate([reduction.weights(one) for one in (*known, *tried)])).max(axis=0)
     largest_weights = np.concatenate([largest, _MARGIN * weights])
