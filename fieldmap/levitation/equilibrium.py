@@ -195,6 +195,8 @@ def find_equilibrium(
 
 def _eigen(stiffness: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     eigenvalues, directions = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
+    # Of a direction and its opposite, the one with the positive largest component.
+    directions = directions * np.sign(directions[np.abs(directions).argmax(axis=0), range(3)])
     # A direction with no force to speak of is not stable.
     return eigenvalues, directions, eigenvalues > 1e-9 * np.abs(eigenvalues).max()
 
