@@ -4,6 +4,7 @@ python fmpy_reader.py TASK.npz ANSWER.npz: `kind` of the task says which.
 """
 
 import sys
+from tempfile import TemporaryDirectory
 
 import fmpy
 import numpy as np
@@ -30,9 +31,10 @@ class Unit:
         self.two = self.description.fmiVersion == "2.0"
         kind = self.description.modelExchange if exchange else self.description.coSimulation
         maker = (FMU2Model if exchange else FMU2Slave) if self.two else (FMU3Model if exchange else FMU3Slave)
+        self.folder = TemporaryDirectory()
         self.unit = maker(
             guid=self.description.guid if self.two else self.description.instantiationToken,
-            unzipDirectory=extract(path),
+            unzipDirectory=extract(path, self.folder.name),
             modelIdentifier=kind.modelIdentifier,
             instanceName="one",
         )
