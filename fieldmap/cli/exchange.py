@@ -29,7 +29,7 @@ FORMATS = {
     "c": ("--kind", "--currents", "--outside"),
     "c32": ("--kind", "--currents", "--outside"),
     "csv": ("--currents", "--spacing-mm"),
-    "fmu": ("--kind", "--currents", "--outside", "--fmi", "--moment", "--body", "--sources"),
+    "fmu": ("--kind", "--currents", "--outside", "--fmi", "--moment", "--body", "--drive", "--sources"),
     "mag-manip": ("--currents", "--spacing-mm"),
     "vti": ("--currents", "--spacing-mm"),
 }
@@ -59,6 +59,9 @@ def export(
     moment: options.Moment = None,
     body: Annotated[
         str | None, option("--body", "DEVICE", autocompletion=options.shipped("geometry"))
+    ] = None,
+    drive: Annotated[
+        str | None, option("--drive", "DEVICE", autocompletion=options.shipped("geometry"))
     ] = None,
     sources: Annotated[bool, typer.Option("--sources")] = False,
     changes: options.Changes = None,
@@ -96,6 +99,8 @@ def export(
         For fmu: version of FMI. Default: 2.
     body
         For fmu: the payload of this device moves inside, as a rigid body.
+    drive
+        For fmu: the drive that [driver] of this device names is inside, and inputs are what it is asked for.
     sources
         For fmu: C sources alone, for an importer that compiles them.
     """
@@ -112,6 +117,7 @@ def export(
         "--fmi": fmi is not None,
         "--moment": moment is not None,
         "--body": body is not None,
+        "--drive": drive is not None,
         "--sources": sources,
     }
     check(to in FORMATS, "--to", f"must be one of {', '.join(FORMATS)}", to, "choose one of these")
@@ -149,7 +155,7 @@ def export(
             check(good, f"{source} --to {to}", must_hold, "no --currents", remedy)
             fixed = field if amperes is None else field.at(amperes)
             if to == "fmu":
-                files = (_unit(fixed, target, fmi, moment, body, sources),)
+                files = (_unit(fixed, target, fmi, moment, body, drive, sources),)
             else:
                 write = interop.write_c_files if to == "c" else interop.write_c32_files
                 files = write(fixed, target)
@@ -205,15 +211,15 @@ def _unit(
     fmi: int | None,
     moment: str | None,
     device: str | None,
+    driven: str | None,
     sources: bool,
 ) -> Path:
-    """The unit of FMI with the magnet of `--moment`, or with the payload of a device inside."""
+    """The unit of FMI with the magnet of `--moment`, or with the payload of a device inside, and the drive of one."""
+    from fieldmap.device import read_device
     from fieldmap.interop import write_fmu
 
-    body = None
+    body = drive = None
     if device is not None:
-        from fieldmap.device import read_device
-
         payload = read_device(device).payload
         if payload is None or moment is not None:
             must = "must be a device with a [payload], whose moment is that of the unit"
@@ -222,8 +228,15 @@ def _unit(
         from fieldmap.dynamics import body_of_payload
 
         body = body_of_payload(payload)
+    if driven is not None:
+        from fieldmap.dynamics import drive_of_device
+
+        drive = drive_of_device(read_device(driven))
+        must = 'must be a device whose [driver] has a drive, and not "ideal"'
+        check(drive.coupled, "--drive", must, driven, "choose another, or leave it out")
     magnet = parse_moment("1" if moment is None else moment)
-    return write_fmu(field, target, magnet, body, version=2 if fmi is None else fmi, binary=not sources)
+    version = 2 if fmi is None else fmi
+    return write_fmu(field, target, magnet, body, drive=drive, version=version, binary=not sources)
 
 
 def import_map(

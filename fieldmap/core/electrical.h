@@ -14,7 +14,7 @@
 #define FIELDMAP_ELECTRICAL_H
 
 #include "currents.h"
-#include "magnetic_body.h"
+#include "flux_linkage.h"
 
 /* Where the voltage of a coil comes from: what is asked for, a limit of the supply, or one of the current. */
 enum {
@@ -37,8 +37,7 @@ typedef struct fieldmap_coil {
 
 enum { FIELDMAP_COIL = 15 };
 
-/* inductance[n * n], H, constant[n], Wb: of the coils; without saturating iron that adds to both (StoredLinkage). largest: A,
- * of the domain of that iron.
+/* linear: linkages of the coils, to which saturating iron adds (StoredLinkage). largest: A, of the domain of that iron.
  *
  * State of each coil: linkage, Wb; integral: of its controller, V; asked: what is asked for, after the limit of slope;
  * voltage: mean of the last step, V; heat, input: J, so far; temperature, degC; source: see the enumeration. known: whether
@@ -51,7 +50,7 @@ typedef struct fieldmap_electrical {
     int n, fields, known;
     double step, largest;
     const fieldmap_coil *coils;
-    const double *inductance, *constant;
+    fieldmap_linkage linear;
     double *linkage, *integral, *asked, *voltage, *heat, *input, *temperature, *source, *counted, *resistance;
     double *met, *at, *guess, *change, *right, *given, *gain, *total, *moved, *before, *tangent, *factor, *slopes, *along, *each;
     int64_t tangents, steps;
@@ -129,20 +128,16 @@ static inline int fieldmap_payload_along(const fieldmap_path *field, const field
 /* total[n]: linkages of coils and iron that are met, and of the payload. */
 static inline void fieldmap_total_linkages(const fieldmap_electrical *e, int saturating, double *total)
 {
-    int f, k;
-    for (k = 0; k < e->n; k++) total[k] = e->met[k] + e->along[k];
-    for (f = e->n; f < e->fields && saturating; f++)
-        for (k = 0; k < e->n; k++) total[k] += e->slopes[f * e->n + k] * e->along[f];
+    memcpy(total, e->met, (size_t)e->n * sizeof(double));
+    fieldmap_add_payload_linkages(e->n, e->fields, e->along, saturating ? e->slopes : NULL, total);
 }
 
 /* From the linkages of the iron in met[n], times mu0, to those of coils and iron at currents. */
 static inline void fieldmap_meet_coils(fieldmap_electrical *e, const double *currents)
 {
-    int k, j;
-    for (k = 0; k < e->n; k++) {
-        e->met[k] = e->met[k] / FIELDMAP_MU0 + e->constant[k];
-        for (j = 0; j < e->n; j++) e->met[k] += e->inductance[k * e->n + j] * currents[j];
-    }
+    int k;
+    for (k = 0; k < e->n; k++) e->met[k] /= FIELDMAP_MU0;
+    fieldmap_add_linkages(&e->linear, currents, e->met);
 }
 
 /* Fill met[n] at currents, at which the iron was solved. */
@@ -195,25 +190,29 @@ static inline void fieldmap_make_tangent(fieldmap_electrical *e, fieldmap_iron_s
                                          const fieldmap_magnetic_body *body, const double *place, const double *r, double scale,
                                          const double *currents)
 {
-    const int n = e->n;
-    int k, j;
+    const size_t n = (size_t)e->n;
     e->tangents++;
     e->step = 0.0;
     if (iron == NULL) {
-        memcpy(e->tangent, e->inductance, (size_t)(n * n) * sizeof(double));
+        memcpy(e->tangent, e->linear.inductance, n * n * sizeof(double));
     } else {
         if (fieldmap_iron_solve_at(iron, currents, iron->tolerance) != FIELDMAP_OK) return;
         fieldmap_iron_slopes_here(iron, e->slopes, NULL, e->factor, 1);
-        for (k = 0; k < n; k++)
-            for (j = 0, e->at[k] = currents[k]; j < n; j++)
-                e->tangent[k * n + j] =
-                    e->inductance[k * n + j] + 0.5 * (e->factor[k * n + j] + e->factor[j * n + k]) / FIELDMAP_MU0;
+        memcpy(e->at, currents, n * sizeof(double));
+        fieldmap_add_iron_inductance(&e->linear, e->factor, e->tangent);
     }
     fieldmap_add_soft_payload(e, field, body, place, r, scale);
 }
 
+/* Voltage that the bridge of a coil loses against a current. */
+static inline double fieldmap_bridge_loss(const fieldmap_coil *coil, double current)
+{
+    if (fabs(current) < coil->ripple) return coil->loss / coil->ripple * current;
+    return current > 0.0 ? coil->loss : -coil->loss;
+}
+
 /* Begin a run at currents, which the field follows, with the linkages that belong to them. Controllers begin with the voltages
- * that keep them. */
+ * that keep them, and so does what is asked of sources of voltage. */
 static inline int fieldmap_electrical_begin(fieldmap_electrical *e, const fieldmap_superposition *of, const fieldmap_path *field,
                                             const fieldmap_magnetic_body *body, const double *place, const double *r,
                                             const double *currents)
@@ -228,7 +227,7 @@ static inline int fieldmap_electrical_begin(fieldmap_electrical *e, const fieldm
     for (k = 0; k < e->n; k++) {
         const int controlled = e->coils[k].proportional != 0.0 || e->coils[k].integral != 0.0;
         e->voltage[k] = e->integral[k] = e->resistance[k] * currents[k];
-        e->asked[k] = controlled ? currents[k] : e->voltage[k];
+        e->asked[k] = controlled ? currents[k] : e->voltage[k] + fieldmap_bridge_loss(e->coils + k, currents[k]);
     }
     return status;
 }
@@ -330,7 +329,7 @@ static inline void fieldmap_change_of_currents(fieldmap_electrical *e, const dou
             const double before = e->gain[k];
             fieldmap_law_of_coil(e, k, e->source[k], currents[k], h, e->given + k, e->gain + k);
             if (fabs(currents[k]) < coil->ripple) e->gain[k] += coil->loss / coil->ripple;
-            else e->given[k] -= currents[k] > 0.0 ? coil->loss : -coil->loss;
+            else e->given[k] -= fieldmap_bridge_loss(coil, currents[k]);
             if (e->gain[k] != before) e->step = 0.0;
         }
         if (e->step != h) fieldmap_factor_step(e, h);
@@ -376,6 +375,12 @@ static inline void fieldmap_take_step(fieldmap_electrical *e, double h, double *
     }
 }
 
+/* Linkage of coil k by Faraday's law after a step of length h from a current to a guess. */
+static inline double fieldmap_wanted_linkage(const fieldmap_electrical *e, int k, double current, double guess, double h)
+{
+    return e->linkage[k] + h * (e->given[k] - (e->resistance[k] + e->gain[k]) * (0.5 * (current + guess)));
+}
+
 /* Whether the currents `guess` meet the linkages of a step, of which at most a share of the step is left; else the next Newton
  * step begins from them. last: what was left before. */
 static inline int fieldmap_step_met(const fieldmap_electrical *e, const double *currents, double h, double tolerance, double *last)
@@ -383,8 +388,7 @@ static inline int fieldmap_step_met(const fieldmap_electrical *e, const double *
     double left = 0.0, whole = 0.0, moved = 0.0;
     int k, j;
     for (k = 0; k < e->n; k++) {
-        const double mean = 0.5 * (currents[k] + e->guess[k]);
-        const double wanted = e->linkage[k] + h * (e->given[k] - (e->resistance[k] + e->gain[k]) * mean);
+        const double wanted = fieldmap_wanted_linkage(e, k, currents[k], e->guess[k], h);
         double by = 0.0;
         for (j = 0; j < e->n; j++) by += e->tangent[k * e->n + j] * e->change[j];
         left = fmax(left, fabs(wanted - e->total[k])), whole = fmax(whole, fabs(wanted)), moved = fmax(moved, fabs(by));
@@ -420,10 +424,7 @@ static inline double fieldmap_short_along(const fieldmap_electrical *e, const do
 {
     double sum = 0.0;
     int k;
-    for (k = 0; k < e->n; k++) {
-        const double mean = 0.5 * (currents[k] + guess[k]);
-        sum += (e->linkage[k] + h * (e->given[k] - (e->resistance[k] + e->gain[k]) * mean) - total[k]) * e->moved[k];
-    }
+    for (k = 0; k < e->n; k++) sum += (fieldmap_wanted_linkage(e, k, currents[k], guess[k], h) - total[k]) * e->moved[k];
     return sum;
 }
 

@@ -11,13 +11,25 @@
 #include "iron.h"
 #include "magnetic_body.h"
 
+/* Fill inductance[n * n], H, of n coils from iron[n * n], what saturating iron adds, times mu0; both may be the same array. */
+static inline void fieldmap_add_iron_inductance(const fieldmap_linkage *of, const double *iron, double *inductance)
+{
+    const int n = of->coils;
+    int k, j;
+    for (k = 0; k < n; k++)
+        for (j = 0; j <= k; j++) {
+            const double both = 0.5 * (iron[k * n + j] + iron[j * n + k]) / FIELDMAP_MU0;
+            inductance[k * n + j] = inductance[j * n + k] = of->inductance[k * n + j] + both;
+        }
+}
+
 /* linkages[n], Wb, and, unless NULL, inductance[n * n], H, of n coils and saturating iron at currents[n]; weights and slopes
  * as of fieldmap_iron_slopes. */
 static inline int fieldmap_solve_linkages(fieldmap_iron_state *state, const fieldmap_linkage *of, const double *currents,
                                           double *weights, double *slopes, double *linkages, double *inductance)
 {
     const int n = of->coils, status = fieldmap_iron_linked_slopes(state, currents, weights, slopes, linkages, inductance);
-    int k, j;
+    int k;
     if (status != FIELDMAP_OK) {
         fieldmap_unknown(linkages, n);
         if (inductance != NULL) fieldmap_unknown(inductance, n * n);
@@ -25,11 +37,7 @@ static inline int fieldmap_solve_linkages(fieldmap_iron_state *state, const fiel
     }
     for (k = 0; k < n; k++) linkages[k] /= FIELDMAP_MU0;
     fieldmap_add_linkages(of, currents, linkages);
-    for (k = 0; k < n && inductance != NULL; k++)
-        for (j = 0; j <= k; j++) {
-            const double both = 0.5 * (inductance[k * n + j] + inductance[j * n + k]) / FIELDMAP_MU0;
-            inductance[k * n + j] = inductance[j * n + k] = of->inductance[k * n + j] + both;
-        }
+    if (inductance != NULL) fieldmap_add_iron_inductance(of, inductance, inductance);
     return status;
 }
 
@@ -39,10 +47,9 @@ static inline void fieldmap_add_payload_linkages(
     int coils, int fields, const double *along, const double *slopes, double *linkages)
 {
     int k, f;
-    for (k = 0; k < coils; k++) {
-        linkages[k] += along[k];
-        for (f = coils; f < fields && slopes != NULL; f++) linkages[k] += slopes[f * coils + k] * along[f];
-    }
+    for (k = 0; k < coils; k++) linkages[k] += along[k];
+    for (f = coils; f < fields && slopes != NULL; f++)
+        for (k = 0; k < coils; k++) linkages[k] += slopes[f * coils + k] * along[f];
 }
 
 #endif

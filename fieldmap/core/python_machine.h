@@ -81,7 +81,9 @@ static void read_electrical(reader *from, PyObject *given, fieldmap_machine *mac
     if (PyErr_Occurred()) return;
     e->n = n, e->fields = machine->superposition.n_fields;
     e->coils = (const fieldmap_coil *)numbers_of(&part, "coils", 2, FIELDMAP_COIL * n).at;
-    e->inductance = numbers_of(&part, "inductance", 2, n * n).at, e->constant = numbers_of(&part, "constant", 1, n).at;
+    e->linear.inductance = numbers_of(&part, "inductance", 2, n * n).at;
+    e->linear.constant = numbers_of(&part, "constant", 1, n).at;
+    e->linear.coils = n;
     e->largest = real_of(&part, "largest");
     if (PyErr_Occurred()) return;
     fieldmap_electrical_start(e, (double *)(void *)(memory + size));

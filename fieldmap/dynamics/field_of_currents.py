@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fieldmap.arguments import check, check_positive
-from fieldmap.constants import MU0
 from fieldmap.core import CoreMap
 from fieldmap.core.current_table import CoreTable
 from fieldmap.core.iron import CoreIron
@@ -31,7 +30,7 @@ from fieldmap.lookup import (
 )
 from fieldmap.lookup.current_solver import COMPILED_TOLERANCE
 from fieldmap.lookup.evaluation import MapReaction, core_of
-from fieldmap.lookup.iron_response import compiled_currents, tangent_mix
+from fieldmap.lookup.iron_response import compiled_currents, inductance_at_zero, tangent_mix
 from fieldmap.reaction import IN_WORDS
 from fieldmap.records import Record
 from fieldmap.store import Grid, MapData, Provenance, StoredLinkage
@@ -133,14 +132,7 @@ class FieldOfCurrents(Record):
     def inductance(self) -> Array:
         """Incremental inductances (n, n), H, at zero currents."""
         assert self.linkage is not None
-        known = self.linkage.inductance
-        if self.model is None:
-            return known
-        state, none, added = self.model.state(), np.zeros(len(known)), np.empty_like(known)
-        if self.remembered.size:
-            state.recall(self.remembered)
-        state.linkages(none, np.empty(len(known)), added, tolerance=EXACT)
-        return np.asarray(known + 0.5 * (added + added.T) / MU0)
+        return self.linkage.inductance if self.model is None else inductance_at_zero(self.field_map)
 
 
 def sampled_field(field: Field, spacing: float = SPACING) -> FieldMap:

@@ -245,15 +245,14 @@ static int give_drives(model *m)
     fieldmap_electrical *coils = &m->coils;
     fieldmap_superposition *of = &m->machine.superposition;
     fieldmap_caller asked;
-    const fieldmap_linkage linkage = fields(m)->linkage;
     size_t size;
-    if (linkage.coils != FMU_COILS) return FIELDMAP_UNLINKED;
+    if (fields(m)->linkage.coils != FMU_COILS) return FIELDMAP_UNLINKED;
     of->scale = 1.0, of->n_coils = of->n_fields = FMU_COILS, of->on_path = 1;
 #if FMU_IRON
     of->iron = &m->state, of->n_fields = m->map.n_fields;
 #endif
     coils->n = FMU_COILS, coils->fields = of->n_fields, coils->largest = FMU_LARGEST, coils->coils = drives;
-    coils->inductance = linkage.inductance, coils->constant = linkage.constant;
+    coils->linear = fields(m)->linkage;
     m->machine.n_coils = FMU_COILS, m->machine.electrical = coils;
     machine_of(m);
     asked = caller_of(m);

@@ -32,6 +32,7 @@ from fieldmap.core.headers import in_one
 from fieldmap.errors import FieldmapError, InputError
 from fieldmap.interop.c_map import c_identifier, write_c_iron_map, write_c_map
 from fieldmap.lookup import FieldMap, MagneticBody, MapAtCurrents
+from fieldmap.lookup.iron_response import inductance_at_zero
 from fieldmap.store.whole_files import write_whole
 from fieldmap.typing import Array, PathLike
 
@@ -120,7 +121,7 @@ def write_fmu(
         A rigid body with its own magnet in the place of that.
     drive
         What drives the coils; a source of current unless given. Of the amplifier only limits of the current count:
-        inputs are what it puts on a coil. A bandwidth is met at the inductances of the first currents.
+        inputs are what it puts on a coil.
     version
         Of FMI, 2 or 3.
     binary
@@ -195,13 +196,14 @@ def _dipoles(magnet: MagneticBody | ArrayLike) -> MagneticBody:
 
 
 def _coils_of(field: FieldMap | MapAtCurrents, drive: CoilDrive) -> Array:
-    """Coils with their drives (n, 15), as the C core takes them. Raises InputError where they do not fit the map."""
+    """Coils with their drives (n, 15), as the C core takes them. Raises InputError where they do not fit the map, and
+    for a map without linkages."""
     count = len(field.coil_names) if isinstance(field, FieldMap) else 0
     must_hold, remedy = "must have the coils of the map", "give resistances of these, and no fixed currents"
     good = isinstance(field, FieldMap) and drive.coils == count
     check(good, "write_fmu(drive)", must_hold, f"{drive.coils} coils, of {count} in the map", remedy)
     assert isinstance(field, FieldMap)
-    return drive.coil_numbers(field.inductance(_first_currents(field)))
+    return drive.coil_numbers(inductance_at_zero(field))
 
 
 def _first_currents(field: FieldMap | MapAtCurrents) -> Array:

@@ -185,20 +185,24 @@ class CurrentModel:
         swing = _FREEING * self.model.domain.largest
         return self.along(self.last_currents + np.outer([1.0, -1.0, 0.0], swing), _OF_LOOPS)
 
-    def linkages(self, currents: Array, inductance: bool = False) -> tuple[Array, Array]:
+    def linkages(
+        self, currents: Array, inductance: bool = False, *, checked: bool = True
+    ) -> tuple[Array, Array]:
         """What the iron adds to the flux linkages (c,), Wb, at currents (c,), and to their derivatives (c, c) by the
-        currents, H, which are zero unless asked for: docs/theory/flux_linkage.md (3), (4).
+        currents, H, symmetric, which are zero unless asked for: docs/theory/flux_linkage.md (3), (4).
 
-        Raises OutsideMapError for currents beyond the domain unless `outside` is "evaluate", and NotConverged.
+        Raises OutsideMapError for currents beyond the domain unless `outside` is "evaluate" or they are not checked,
+        and NotConverged.
         """
-        if self._outside != "evaluate" and (problem := self._outside_domain(currents)) is not None:
+        free = not checked or self._outside == "evaluate"
+        if not free and (problem := self._outside_domain(currents)) is not None:
             raise OutsideMapError(problem)
         (state, fresh), coils = self._beginning("tight"), len(currents)
         added, slopes = np.empty(coils), np.zeros((coils, coils))
         amperes, of_slopes = np.array(currents, dtype=np.float64), slopes if inductance else None
         if state.linkages(amperes, added, of_slopes, tolerance=_OF_LINKAGES, fresh=fresh) != FOUND:
             raise not_converged(currents, state.left)
-        return added / MU0, slopes / MU0
+        return added / MU0, 0.5 * (slopes + slopes.T) / MU0
 
     def search(self) -> CurrentSearch:
         """A new search. It ends an earlier search in this thread: both use the same memory."""

@@ -992,7 +992,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         if self._model is None:
             return known.inductance
         added = self._model.linkages(coil_currents(currents, self.coil_names), inductance=True)[1]
-        return np.asarray(known.inductance + 0.5 * (added + added.T))
+        return np.asarray(known.inductance + added)
 
     def back_emf(
         self,

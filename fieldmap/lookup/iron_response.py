@@ -154,6 +154,32 @@ def compiled_currents(field_map: FieldMap) -> CompiledModel:
     return _model(field_map).compiled
 
 
+def inductance_at_zero(field_map: FieldMap) -> Array:
+    """Incremental inductances at zero currents, also where these lie beyond the domain of a map of saturating iron.
+
+    Parameters
+    ----------
+    field_map
+        Opened map.
+
+    Returns
+    -------
+    Array
+        (n_coils, n_coils), H, symmetric.
+
+    Raises
+    ------
+    InputError
+        For a map without linkages.
+    NotConverged
+        Where the model has no solution there.
+    """
+    known = field_map._linkages().inductance
+    if field_map._model is None:
+        return known
+    return known + field_map._model.linkages(np.zeros(len(known)), inductance=True, checked=False)[1]
+
+
 def table_of_currents(field_map: FieldMap, nodes: tuple[int, int, int] | None = None) -> CurrentTable:
     """The table of weights of a map of saturating iron whose currents are divided by lift and directions.
 

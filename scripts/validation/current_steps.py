@@ -62,14 +62,13 @@ def current_steps() -> Iterator[Row]:
     note = (
         f"of {energy.given:.0f} J; field energy swings by {energy.field:.2g} J, is off by {energy.miss:.1g} J"
     )
-    yield Row(
-        "coils of the drive unit, magnet that swings, 10 s",
-        "put in less heat, field energy and work, over what is put in",
-        energy.miss / energy.given,
-        1e-6,
-        "reduced model in numpy",
-        note=note,
-    )
+    case, source = "coils of the drive unit, magnet that swings, 10 s", "reduced model in numpy"
+    for over, size, bound in (
+        ("what is put in", energy.given, 1e-6),
+        ("the swing of the field energy", energy.field, None),
+    ):
+        quantity = f"put in less heat, field energy and work, over {over}"
+        yield Row(case, quantity, energy.miss / size, bound, source, note=note)
 
 
 def driven(opened: FieldMap, begin: np.ndarray, volts: np.ndarray) -> np.ndarray:

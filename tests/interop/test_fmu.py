@@ -217,6 +217,22 @@ class Callbacks(ctypes.Structure):
     _fields_ = [("logger", CALLBACK), *((name, ctypes.c_void_p) for name in "abcd")]
 
 
+def strict_and_within_its_memory(path, folder):
+    """The sources compile without a warning, and no argument makes them touch memory that is not their own."""
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(folder)
+    command = ["gcc", *STRICT, "-fPIC", "-shared", "fmu.c", "-o", "strict.so", "-lm"]
+    subprocess.run(command, cwd=folder / "sources", check=True, capture_output=True)
+    checks = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g"]
+    source = Path(__file__).parent / "c" / "drive_fmu.c"
+    command = ["gcc", "-std=c99", "-I", folder / "sources", source, "-o", folder / "drive", "-lm"]
+    if subprocess.run([*command, *checks], capture_output=True).returncode:
+        # No address sanitizer here: without it, then.
+        subprocess.run(command, check=True, capture_output=True)
+    done = subprocess.run([folder / "drive", folder / "resources"], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def unpacked(path, folder):
     with zipfile.ZipFile(path) as archive:
         archive.extractall(folder)
@@ -290,30 +306,10 @@ def test_outside_the_map_it_discards(units, ring, tmp_path, version):
 @pytest.mark.parametrize("name", ["field", "body"])
 @pytest.mark.parametrize("version", [2, 3])
 def test_the_source_is_strict_and_a_unit_the_same_each_time(units, ring, tmp_path, name, version):
-    folder = tmp_path / "unit"
-    with zipfile.ZipFile(units[name, version]) as archive:
-        archive.extractall(folder)
-    command = ["gcc", *STRICT, "-fPIC", "-shared", "fmu.c", "-o", "strict.so", "-lm"]
-    subprocess.run(command, cwd=folder / "sources", check=True, capture_output=True)
+    strict_and_within_its_memory(units[name, version], tmp_path / "a unit%")
     again = write_fmu(ring.map, tmp_path / units[name, version].name, version=version, **INSIDE[name])
     assert again.read_bytes() == units[name, version].read_bytes()
-    assert "python" not in (folder / "sources" / "fmu.c").read_text().lower()
-
-
-@pytest.mark.parametrize("name", ["field", "body"])
-@pytest.mark.parametrize("version", [2, 3])
-def test_no_argument_makes_it_touch_memory_that_is_not_its_own(units, tmp_path, name, version):
-    folder = tmp_path / "a unit%"
-    with zipfile.ZipFile(units[name, version]) as archive:
-        archive.extractall(folder)
-    checks = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g"]
-    source = Path(__file__).parent / "c" / "drive_fmu.c"
-    command = ["gcc", "-std=c99", "-I", folder / "sources", source, "-o", tmp_path / "drive", "-lm"]
-    if subprocess.run([*command, *checks], capture_output=True).returncode:
-        # No address sanitizer here: without it, then.
-        subprocess.run(command, check=True, capture_output=True)
-    done = subprocess.run([tmp_path / "drive", folder / "resources"], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert "python" not in (tmp_path / "a unit%" / "sources" / "fmu.c").read_text().lower()
 
 
 def test_fixed_currents_have_no_inputs_for_them(ring, tmp_path):

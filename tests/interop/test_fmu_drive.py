@@ -1,18 +1,20 @@
 """Units whose coils are driven by voltages, against the simulator and laws of the coils: by hand and by FMPy."""
 
 import ctypes
+import re
 import shutil
-import subprocess
 import zipfile
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
+from fieldmap import Driver, read_device
+from fieldmap.cli import main
 from fieldmap.dynamics import (
+    Bridge,
     CoilDrive,
     CurrentController,
     Heating,
@@ -29,10 +31,9 @@ from fieldmap.interop import write_fmu
 from fieldmap.lookup import MagneticBody, interpolate
 from fieldmap.lookup.current_model import STEP_TOLERANCE
 from fieldmap.lookup.current_solver import COMPILED_TOLERANCE
-from fieldmap.store import StoredLinkage
-from tests.interop.conftest import STRICT
+from fieldmap.store import StoredLinkage, write_map
 from tests.interop.iron_maps import CELLS, KINDS, saturating_data
-from tests.interop.test_fmu import unpacked
+from tests.interop.test_fmu import strict_and_within_its_memory, unpacked
 from tests.interop.test_fmu_iron import Unit
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
@@ -120,6 +121,7 @@ def simulated(m, body, state, rows, mode):
 
 
 NAMES = {"position_": "xyz", "velocity_": "xyz", "quaternion_": "wxyz", "angular_velocity_": "xyz"}
+STATES = [f"{name}{part}" for name, parts in NAMES.items() for part in parts]
 
 
 def numbered(n):
@@ -172,8 +174,9 @@ def test_a_machine_is_that_of_the_simulator(written, maps, tmp_path, iron, mode)
     exact = simulated(m, BODY, TURNING, rows, mode)
     found = along(unit, n, rows, INPUTS[mode])
     agree(found, exact, BOUNDS[iron])
-    # At first compilers alone make a difference.
-    agree(found[:6], exact[:6], min(BOUNDS[iron], 1e-7))
+    # At first no cell ends its play elsewhere. Newton's method of the iron takes its steps in single precision.
+    first = 2 if m.remembers else 6
+    agree(found[:first], exact[:first], min(BOUNDS[iron], np.finfo(np.float32).eps))
     # What is compared moves, and the windings warm up.
     assert np.ptp(exact[:, 2]) > 1e-3
     assert np.ptp(exact[:, 13 : 13 + n]) > 0.1
@@ -267,19 +270,7 @@ def test_a_stored_state_goes_on_to_the_last_bit_and_asking_leaves_no_trace(
 @pytest.mark.parametrize("iron", ["linear", "remembering"])
 @pytest.mark.parametrize("inside", [False, True])
 def test_the_source_is_strict_and_touches_no_other_memory(written, tmp_path, iron, inside):
-    folder = tmp_path / "unit"
-    with zipfile.ZipFile(written[iron, "voltage", 3, inside]) as archive:
-        archive.extractall(folder)
-    command = ["gcc", *STRICT, "-fPIC", "-shared", "fmu.c", "-o", "strict.so", "-lm"]
-    subprocess.run(command, cwd=folder / "sources", check=True, capture_output=True)
-    checks = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g"]
-    source = Path(__file__).parent / "c" / "drive_fmu.c"
-    command = ["gcc", "-std=c99", "-I", folder / "sources", source, "-o", folder / "drive", "-lm"]
-    if subprocess.run([*command, *checks], capture_output=True).returncode:
-        # No address sanitizer here: without it, then.
-        subprocess.run(command, check=True, capture_output=True)
-    done = subprocess.run([folder / "drive", folder / "resources"], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
+    strict_and_within_its_memory(written[iron, "voltage", 3, inside], tmp_path / "unit")
 
 
 def test_currents_beyond_the_domain_are_discarded(maps, tmp_path):
@@ -325,6 +316,34 @@ def test_names_units_and_what_cannot_be_written(ring, maps, written, tmp_path):
             write_fmu(field, tmp_path / "b.fmu", drive=drive)
 
 
+def test_a_bandwidth_is_met_at_zero_currents(ring, tmp_path):
+    """As in the simulator; here these lie beyond the domain, and the unit begins in its middle."""
+    data = saturating_data(ring, *KINDS["division"])
+    data = replace(data, linkage=StoredLinkage(1e-3 * np.eye(6), np.zeros(6)))
+    controller = CurrentController(bandwidth=50.0)
+    drive = CoilDrive(WIDE, 6, resistance=2.0, mode="current_controller", controller=controller)
+    path = write_fmu(interpolate(data), tmp_path / "a.fmu", MAGNET, drive=drive, binary=False)
+    with zipfile.ZipFile(path) as archive:
+        (line,) = [
+            one for one in archive.read("sources/fmu_model.h").decode().splitlines() if "FMU_DRIVES" in one
+        ]
+    rows = np.array([[float(x) for x in row.split(",")] for row in re.findall(r"{([^{}]+)}", line)])
+    free = interpolate(data, outside_currents="evaluate")
+    ends = [[free.flux_linkage(side * coil)[k] for side in (1e-3, -1e-3)] for k, coil in enumerate(np.eye(6))]
+    inductance = np.array([a - b for a, b in ends]) / 2e-3
+    assert rows[:, 3] == pytest.approx(2 * np.pi * 50.0 * inductance, rel=1e-4)
+    assert rows[:, 4] == pytest.approx(np.full(6, 2 * np.pi * 50.0 * 2.0), rel=1e-12)
+
+
+def by_fmpy(fmpy, folder, path, state, rows, names):
+    """Outputs of these names after a call of EACH steps at each of the rows of voltages."""
+    starts = dict(zip(STATES, state, strict=True)) | {"step": STEP}
+    inputs = [f"voltage_{k}" for k in numbered(rows.shape[1])]
+    task = {"names": list(starts), "starts": list(starts.values()), "inputs": inputs, "outputs": list(names)}
+    task = {name: np.array(values) for name, values in task.items()} | {"rows": rows, "period": EACH * STEP}
+    return fmpy(folder, kind="follow", path=str(path), **task)["outputs"]
+
+
 @pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize("iron", ["linear", "saturating"])
 def test_fmpy_gets_the_simulator_s_currents(written, maps, fmpy, tmp_path, version, iron):
@@ -333,22 +352,43 @@ def test_fmpy_gets_the_simulator_s_currents(written, maps, fmpy, tmp_path, versi
     n = len(m.coil_names)
     rows = np.zeros((40, n))
     rows[:, 1] = 3.0
-    starts = dict(
-        zip([f"{name}{part}" for name, parts in NAMES.items() for part in parts], TURNING, strict=True)
-    )
-    outputs = [*starts, *(f"current_{k}" for k in numbered(n)), *(f"flux_linkage_{k}" for k in numbered(n))]
-    starts["step"] = STEP
-    found = fmpy(
-        tmp_path,
-        kind="follow",
-        path=str(written[iron, "voltage", version, True]),
-        names=np.array(list(starts)),
-        starts=np.array(list(starts.values())),
-        inputs=np.array([f"voltage_{k}" for k in numbered(n)]),
-        rows=rows,
-        outputs=np.array(outputs),
-        period=EACH * STEP,
-    )["outputs"]
+    names = [f"{one}_{k}" for one in ("current", "flux_linkage") for k in numbered(n)]
+    unit = written[iron, "voltage", version, True]
+    found = by_fmpy(fmpy, tmp_path, unit, TURNING, rows, [*STATES, *names])
     exact = simulated(m, BODY, TURNING, rows, "voltage")
     agree(found, exact, BOUNDS[iron])
     assert np.abs(exact[-1, 13]) > 1e-3
+
+
+def test_fmpy_gets_what_a_bridge_leaves_of_its_voltage(ring, maps, fmpy, tmp_path):
+    """At last, by R: 2 dead times and the drop less against the current, and in proportion to it within its ripple. The
+    bridge is that of a device's file."""
+    path, unit, ohms = tmp_path / "a.h5", read_device("drive_unit"), 2.0 + np.arange(6)
+    write_map(path, replace(ring.data, linkage=maps["linear"].linkage))
+    bridge = Bridge(20e3, dead_time=0.5e-6, drop=0.7, ripple=4e-3)
+    coils = [replace(coil, resistance=ohm) for coil, ohm in zip(unit.coils, ohms, strict=True)]
+    export = [
+        "export",
+        path,
+        "--to",
+        "fmu",
+        "--fmi",
+        "3",
+        "-o",
+        tmp_path / "a.fmu",
+        "--drive",
+        tmp_path / "a.toml",
+    ]
+    for driver, code in (
+        (Driver(0.4, 2.0, 12.0), 2),
+        (Driver(0.4, 2.0, 12.0, mode="bridge", bridge=bridge), 0),
+    ):
+        (tmp_path / "a.toml").write_text(unit.replace(coils=coils, driver=driver).to_toml())
+        assert main([*map(str, export)]) == code
+    rows = np.tile([3.0, -3.0, 0.2, 1.0, -20.0, 0.0], (200, 1))
+    names = [f"current_{k}" for k in numbered(6)]
+    found = by_fmpy(fmpy, tmp_path, tmp_path / "a.fmu", state_of(PLACE), rows, names)[-1]
+    lost = 2 * 0.5e-6 * 20e3 * 12.0 + 0.7
+    wanted = [3.0 - lost, lost - 3.0, 0.2, 1.0 - lost, lost - 12.0, 0.0]
+    ohms[2] += lost / 4e-3
+    assert found == pytest.approx(wanted / ohms, rel=1e-6, abs=1e-9)

@@ -2,9 +2,6 @@
 
 import ctypes
 import shutil
-import subprocess
-import zipfile
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,9 +9,15 @@ import pytest
 from fieldmap.dynamics import RigidBody, move_adaptively, state_of
 from fieldmap.interop import write_fmu
 from fieldmap.lookup import FiniteMagnet
-from tests.interop.conftest import STRICT
 from tests.interop.iron_maps import CELLS, KINDS, saturating
-from tests.interop.test_fmu import CALLBACK, LOGGER, Callbacks, numbers, unpacked
+from tests.interop.test_fmu import (
+    CALLBACK,
+    LOGGER,
+    Callbacks,
+    numbers,
+    strict_and_within_its_memory,
+    unpacked,
+)
 
 pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc on this machine")
 PLACE, MOMENT, STEPS, HALF = [0.002, -0.001, -0.09], [0.1, -0.2, 0.8], 30, 13
@@ -243,20 +246,7 @@ def test_the_body_moves_in_the_field_after_the_step(written, tmp_path, version):
 @pytest.mark.parametrize("version", [2, 3])
 def test_the_source_is_strict_and_no_argument_makes_it_touch_other_memory(written, tmp_path, version, iron):
     for inside in (False, True):
-        folder = tmp_path / f"unit {inside}"
-        with zipfile.ZipFile(written[iron, version, inside]) as archive:
-            archive.extractall(folder)
-        sources = folder / "sources"
-        command = ["gcc", *STRICT, "-fPIC", "-shared", "fmu.c", "-o", "strict.so", "-lm"]
-        subprocess.run(command, cwd=sources, check=True, capture_output=True)
-        checks = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g"]
-        source = Path(__file__).parent / "c" / "drive_fmu.c"
-        command = ["gcc", "-std=c99", "-I", sources, source, "-o", folder / "drive", "-lm"]
-        if subprocess.run([*command, *checks], capture_output=True).returncode:
-            # No address sanitizer here: without it, then.
-            subprocess.run(command, check=True, capture_output=True)
-        done = subprocess.run([folder / "drive", folder / "resources"], capture_output=True, text=True)
-        assert (done.returncode, done.stderr) == (0, "")
+        strict_and_within_its_memory(written[iron, version, inside], tmp_path / f"unit {inside}")
 
 
 def test_it_begins_with_the_memory_of_the_map_and_within_the_domain(ring, tmp_path):
