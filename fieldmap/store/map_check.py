@@ -245,6 +245,9 @@ def _check_fields(file: h5py.File, info: MapInfo, records: tuple[str, ...], find
     grid, extremes = info.grid, [_Extremes() for _ in records]
     planes = max(1, _NODES_AT_A_TIME // (grid.shape[1] * grid.shape[2]))
     difference, scale, summed = 0.0, 0.0, True
+    every_one = {
+        f"{each.path(record)}/{c}" for each in QUANTITIES for record in records for c in each.components
+    }
     for first in range(0, grid.shape[0], planes):
         # Steps over two cells need two planes more.
         at = slice(max(0, first - 2), first + planes)
@@ -262,6 +265,9 @@ def _check_fields(file: h5py.File, info: MapInfo, records: tuple[str, ...], find
         if there is not None and summed:
             difference = max(difference, float(np.abs(there - total).max()))
             scale = max(scale, float(np.abs(total).max()))
+        if every_one <= findings.unread:
+            # The header of a damaged map may claim a giant grid.
+            break
     for name, record, found in zip(info.field_names, records, extremes, strict=True):
         if not findings.unread & {f"{GRADIENT.path(record)}/{c}" for c in GRADIENT.components}:
             found.tell(f"field of {name!r}", findings)
