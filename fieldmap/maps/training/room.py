@@ -5,7 +5,6 @@ modes of its own. Coils that carry one current are one signal. Coils that act on
 fields, so these are grouped first.
 """
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import monotonic
@@ -16,6 +15,7 @@ from fieldmap.currents import CurrentDomain
 from fieldmap.errors import InputError
 from fieldmap.inputs.document import AtKey
 from fieldmap.iron import NonlinearSolver
+from fieldmap.iron.operators.assembled import memory_bytes
 from fieldmap.maps.training.plan import Plan
 from fieldmap.records import Record
 from fieldmap.typing import Array
@@ -106,7 +106,7 @@ def require_room(
         If memory or disk are too small. It names groups of coils with which they would be large enough.
     """
     coils, signals = domain.parametrisation.coil_count, domain.parametrisation.signal_count
-    memory = memory_of_machine()
+    memory = memory_bytes() or float("inf")
 
     def of(count: int) -> Needs:
         return needs(solver.unknowns, coils, count, modes_of(count), plan)
@@ -173,14 +173,6 @@ def coupled_groups(inductance: Array, count: int) -> tuple[tuple[int, ...], ...]
     tree = linkage(squareform(0.5 * (apart + apart.T), checks=False), "average")
     group = cut_tree(tree, n_clusters=count)[:, 0]
     return tuple(tuple(np.flatnonzero(group == number).tolist()) for number in range(count))
-
-
-def memory_of_machine() -> float:
-    """Bytes of memory of this machine; infinite where the system does not tell them."""
-    names = getattr(os, "sysconf_names", {})
-    if "SC_PHYS_PAGES" not in names or "SC_PAGE_SIZE" not in names:
-        return float("inf")
-    return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
 
 
 def _gigabytes(size: float) -> str:
