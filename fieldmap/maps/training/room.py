@@ -17,6 +17,7 @@ from fieldmap.inputs.document import AtKey
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.operators.assembled import memory_bytes
 from fieldmap.maps.training.plan import Plan
+from fieldmap.maps.training.sampling import candidates_at_first
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -26,8 +27,8 @@ _STATES = 45
 # Matrices of nodes and modes, and of points and modes, that are in memory at the same time; points per node of
 # second-order tetrahedra with four points each.
 _OF_NODES, _OF_POINTS, _POINTS_PER_NODE = 6, 3, 2.75
-# Candidates for sample points by number of modes and of sample points, and states whose conditions are in memory.
-_PER_MODE, _PER_POINT, _FEWEST, _CONDITIONS = 50, 4, 1000, 32
+# States whose conditions on sample points are in memory.
+_CONDITIONS = 32
 # Solver, mesh and libraries, bytes.
 _BASE = 4e8
 # Time of a training over that of one linear solve for all coils: 64 coils took 254 s and 1 s.
@@ -70,7 +71,7 @@ def needs(nodes: int, coils: int, signals: int, modes: int, plan: Plan) -> Needs
     """
     tangents = coils + signals if plan.inductance and signals < coils else signals
     points = _POINTS_PER_NODE * nodes
-    candidates = min(max(_FEWEST, _PER_MODE * modes), max(_FEWEST, _PER_POINT * plan.points), points)
+    candidates = min(candidates_at_first(modes, plan.points), points)
     conditions = modes + coils + (coils * (coils + 1) / 2 if plan.inductance else 0)
     numbers = (
         _OF_NODES * nodes * modes
