@@ -79,15 +79,15 @@ def many_maps() -> Iterator[Row]:
             differing += numbers(files[number]) != numbers(alone)
         yield Row(case, f"of {COMPARED} maps, those that differ in a bit", differing, 0, "made by themselves")
         later = len(files) - len(times) - SETTLED
-        note = f"at most {end:.1f} MB, {settled:.1f} MB after {SETTLED} maps of the last run; {later} maps came later"
+        note = f"at most {end:.1f} MB in {later} maps, {settled:.1f} MB in the {SETTLED} maps of that run before them"
         yield Row(case, "growth of memory, MB", end - settled, 5, note)
 
 
 def _run(
     folder: Path, index: Path, stop: int | None, total: int = 0
 ) -> tuple[int, tuple[float, float], float]:
-    """Exit code, memory after some maps and the most from there to the last of all, MB, and processor seconds; killed
-    once so many maps are there. The index comes after the maps."""
+    """Exit code, most memory of some maps and of those after them, MB, and processor seconds; killed once so many maps
+    are there. The index comes after the maps."""
     words = ["map", str(folder / "poles.toml"), "--over", str(folder / "study.toml"), "-o", str(index)]
     before, settled, most, cpu = len(_times(folder)), 0.0, 0.0, 0.0
     with subprocess.Popen(
@@ -101,8 +101,9 @@ def _run(
             except psutil.Error:
                 break
             cpu = spent.user + spent.system or cpu
-            if count - before >= SETTLED and count < total:
-                settled = settled or have
+            if count - before < SETTLED:
+                settled = max(settled, have)
+            elif count < total:
                 most = max(most, have)
             if stop is not None and count >= stop:
                 one.kill()
