@@ -73,7 +73,7 @@ STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
     "killed_training": (map_files.killed_training, 250),
     "killed_workers": (map_files.killed_workers, 400),
     "killed_schedulers": (map_files.killed_schedulers, 200),
-    "many_maps": (many_maps.many_maps, 250),
+    "many_maps": (many_maps.many_maps, 130),
     "fuzz": (fuzz.fuzz, 1500),
     "large_maps": (large_maps.large_maps, 1500),
     "mag_manip": (mag_manip_program.mag_manip, 240),

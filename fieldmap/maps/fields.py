@@ -132,7 +132,7 @@ def linkage_of(solution: LinearSolution, shared: SharedSolves) -> StoredLinkage:
     Raises InputError for coils without a self-inductance."""
     coils = solution.coils
     single, turns = single_turns(coils), np.array([coil.turns for coil in coils])
-    air = shared.solve(("inductance", windings(single)), lambda: bare_inductance(single))
+    air = shared.once(("inductance", windings(single)), lambda: bare_inductance(single))
     iron = 0.0 if solution.iron_linkage is None else solution.iron_linkage[:, : len(coils)]
     matrix = turns[:, None] * air * turns + iron
     return StoredLinkage(0.5 * (matrix + matrix.T), solution.flux_linkage(0.0))

@@ -22,8 +22,9 @@ from fieldmap.errors import FieldmapError, InputError, MapFileError, RecipeError
 from fieldmap.inputs.document import AtKey
 from fieldmap.iron import LinearSolution, check_geometry
 from fieldmap.iron.reaction import DipoleAnswers, ReactionFields
+from fieldmap.iron.report import Stages
 from fieldmap.iron.solvers.linear import solve_linear_and_reaction
-from fieldmap.iron.solvers.shared import SharedSolves
+from fieldmap.iron.solvers.shared import SharedSolves, what_is_solved
 from fieldmap.maps.acceptance import require_accuracy
 from fieldmap.maps.error_bound import SOLVER_POINTS, certified_bounds, interpolation_error
 from fieldmap.maps.fields import (
@@ -237,15 +238,15 @@ def make_map(
     workers
         Who computes; they are started if there is something to compute.
     shared
-        What maps of devices with the same iron have solved in this process; this one takes it and adds to it.
-        Maps of linear iron alone share.
+        What maps have checked and solved in this process; this one takes it and adds to it. Of maps of saturating
+        iron only the check is shared.
 
     Returns
     -------
     Path
         The file.
     """
-    target, plan = _target(order.file_name, output), order.currents
+    target, plan, shared = _target(order.file_name, output), order.currents, shared or SharedSolves()
     # Errors at keys name the lines of the recipe.
     with order.document.placing():
         if not device.coils and (plan is not None or not device.fixed_sources):
@@ -265,8 +266,14 @@ def make_map(
         # Geometry checks hold the device and the box of the map together.
         box = WorkspaceBox(grid.lower, grid.upper)
         placed = Device.unchecked(**vars(device) | {"workspace": box})
-        check_geometry(placed)
-        require_distance(placed, grid, None if plan is None else plan.accuracy, accept_error)
+        single = of_single_turns(placed)
+        accuracy = None if plan is None else plan.accuracy
+
+        def require_room() -> None:
+            check_geometry(single)
+            require_distance(single, grid, accuracy, accept_error)
+
+        shared.once((what_is_solved(single), grid.spacing, accuracy, accept_error), require_room)
         if resume and (report := _finished(target, info)) is not None:
             require_accuracy(report, plan, target, accept_error)
             say("complete already", 1.0)
@@ -285,7 +292,7 @@ def make_map(
                 say(f"{checkpoint.path.name}: {checkpoint.note}", 0.0)
             try:
                 if plan is None or domain is None:
-                    _linear(order, placed, writer, team, say, shared or SharedSolves())
+                    _linear(order, placed, single, writer, team, say, shared)
                 else:
                     _saturating(order, placed, domain, plan, writer, team, say, accept_error)
             except FieldmapError as error:
@@ -326,12 +333,14 @@ def _order(
 def _linear(
     order: Recipe,
     device: Device,
+    single: Device,
     writer: Writer,
     workers: Workers,
     say: Progress,
     shared: SharedSolves,
 ) -> None:
-    """The map of linear iron. shared: what maps of devices with the same iron have solved."""
+    """The map of linear iron. single: the device with one turn in every coil, whose geometry is sound; shared: what
+    maps have solved."""
     forecast = Forecast(say, {"solving": 0.0, "nodes": 0.0, "certificate": 0.0})
     grid, checkpoint = writer.info.grid, writer.checkpoint
 
@@ -341,14 +350,12 @@ def _linear(
 
     def solve() -> Kept:
         box = (grid.lower, grid.upper) if order.reaction else None
-        solution, reaction, answers = solve_linear_and_reaction(
-            of_single_turns(device),
-            order.mu_r,
-            order.tolerance,
-            tell,
-            order.refinement,
-            box=box,
-            shared=shared,
+        how = (order.mu_r, order.tolerance)
+        solution, reaction, answers = shared.once(
+            (what_is_solved(single), *how, order.refinement, box),
+            lambda: solve_linear_and_reaction(
+                single, *how, Stages(tell), order.refinement, box=box, shared=shared
+            ),
         )
         checkpoint.put(REACTION, *reaction_arrays(reaction))
         checkpoint.put(ANSWERS, *answers_arrays(answers))

@@ -126,24 +126,8 @@ class LargeMapWriter:
         return len(self.chunks) - len(self.missing)
 
     def write(self, chunk: Chunk, flux_density: Array, gradient: Array) -> None:
-        """Write a part to its places. It is on the disk when this returns.
-
-        Parameters
-        ----------
-        chunk
-            Which one.
-        flux_density
-            (n_fields, planes, ny, nz, 3), T/A for coils.
-        gradient
-            (n_fields, planes, ny, nz, 3, 3), T/(m A) for coils.
-
-        Raises
-        ------
-        MapFileError
-            If a number is not finite.
-        FieldmapError
-            If the disk is full.
-        """
+        """Write a part to its places, with the arguments and errors of `MapWriter.write`. It is on the disk when this
+        returns."""
         check_finite(self.target, chunk, flux_density, gradient)
         digest, total = hashlib.sha256(), np.zeros(flux_density.shape[1:])
         sizes = np.zeros((2, *flux_density.shape[1:4]))

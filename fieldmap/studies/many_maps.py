@@ -197,13 +197,18 @@ def _require_one_device(order: Recipe, study: Study) -> None:
 
 
 def _in_groups(study: Study) -> list[int]:
-    """Numbers of the variants, those with the same iron one after the other."""
-    groups: dict[str, list[int]] = {}
-    for number, variant in enumerate(study.variants):
-        of_iron = {key: of for key, of in variant.document.data.items() if key not in _NOT_OF_THE_IRON}
-        of_iron.pop("parameters", None)
-        groups.setdefault(json.dumps(of_iron, sort_keys=True, default=str), []).append(number)
-    return [number for group in groups.values() for number in group]
+    """Numbers of the variants, those with the same iron one after the other, and of these those that differ in turns
+    alone."""
+    ranks: dict[str, int] = {}
+
+    def groups(number: int) -> list[int]:
+        data = study.variants[number].document.data
+        iron = {key: of for key, of in data.items() if key not in (*_NOT_OF_THE_IRON, "parameters")}
+        coils = [{key: of for key, of in coil.items() if key != "turns"} for coil in data.get("coil", ())]
+        texts = (json.dumps(of, sort_keys=True, default=str) for of in (iron, [coils, data.get("workspace")]))
+        return [ranks.setdefault(text, len(ranks)) for text in texts]
+
+    return sorted(range(len(study.variants)), key=groups)
 
 
 def _job(recipe: Recipe, document: Document, resume: bool, accept_error: bool) -> _Job:

@@ -220,7 +220,7 @@ def _recipe(folder: Path, iron: str) -> Path:
 
 def _differing(target: Path) -> int:
     """Data sets of a map that differ from those of the run without a break."""
-    whole, ours = _numbers(target.with_name("whole.h5")), _numbers(target)
+    whole, ours = numbers(target.with_name("whole.h5")), numbers(target)
     return sum(whole[name] != ours.get(name) for name in whole) + abs(len(ours) - len(whole))
 
 
@@ -373,7 +373,8 @@ def _run(
     return steps
 
 
-def _numbers(path: Path) -> dict[str, bytes]:
+def numbers(path: Path) -> dict[str, bytes]:
+    """Bytes of every data set of a map: its fields, and its model where it has one."""
     with h5py.File(path) as file:
         records = [*file["/data/0/meshes"].values(), *([file[MODEL]] if MODEL in file else [])]
         return {data.name: data[()].tobytes() for record in records for data in record.values()}

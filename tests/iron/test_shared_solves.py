@@ -1,5 +1,6 @@
 """Solves that share what devices with the same iron have in common give the bits of solves that share nothing."""
 
+import magpylib
 import numpy as np
 import pytest
 
@@ -133,3 +134,17 @@ def test_names_and_copper_change_nothing():
     assert other[0].report.assumptions == kept[0].report.assumptions == fm.solve_linear(device).assumptions
     assert other[0].coil_names == ("other",)
     assert other[1] is kept[1]
+
+
+def test_a_local_function_is_not_shared():
+    def field(field, observers):
+        return np.tile([1e-3, 2e-3, 3e-3], (len(observers), 1))
+
+    uniform = fm.read_device(DEVICE)
+    source = fm.Device.from_magpylib(magpylib.misc.CustomSource(field_func=field))
+    shared = SharedSolves()
+    found = [
+        solve_linear_and_reaction(device, shared=shared)[0].field([0.0, 0.0, -0.02], [0.0])
+        for device in (uniform, uniform.replace(background=source.background))
+    ]
+    np.testing.assert_allclose(*found, rtol=1e-6)

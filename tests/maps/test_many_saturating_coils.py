@@ -114,7 +114,7 @@ def test_a_domain_without_room_is_refused_before_a_state_is_solved_with_groups_t
     """The groups of the message make a map's domain, and with them the same machine has room."""
     solver = NonlinearSolver(device)
     memory = needs(solver.unknowns, COILS, 5, 60, Plan()).memory
-    monkeypatch.setattr(room, "memory_of_machine", lambda: 1.0001 * memory)
+    monkeypatch.setattr(room, "memory_bytes", lambda: 1.0001 * memory)
     solves = []
     monkeypatch.setattr(NonlinearSolver, "solve", lambda *_, **__: solves.append(1))
     # Each signal has so many modes that five signals have room and six have not.
@@ -141,7 +141,7 @@ def test_a_domain_without_room_is_refused_before_a_state_is_solved_with_groups_t
 
 
 def test_the_map_command_refuses_it_at_its_key(device, tmp_path, monkeypatch):
-    monkeypatch.setattr(room, "memory_of_machine", lambda: 1e6)
+    monkeypatch.setattr(room, "memory_bytes", lambda: 1e6)
     currents = {"lower_A": -1.0, "upper_A": 2.0}
     with pytest.raises(InputError, match=r"currents\.groups"):
         fm.generate(device, tmp_path / "map.h5", spacing=2.5e-3, currents=currents, iron={"reaction": False})

@@ -97,14 +97,19 @@ def solve_linear(
     >>> unit.report.magnetic_bodies, unit.report.residual < 1e-7
     (1, True)
     """
-    return solve_linear_and_reaction(device, mu_r, tolerance, progress, refinement, form, symmetry)[0]
+    device = read_device(device)
+    check_arguments("solve_linear", tolerance, refinement, form)
+    stages = Stages(progress)
+    stages.next("checking the geometry", 0.0)
+    check_geometry(device)
+    return solve_linear_and_reaction(device, mu_r, tolerance, stages, refinement, form, symmetry)[0]
 
 
 def solve_linear_and_reaction(
-    device: Device | PathLike,
+    device: Device,
     mu_r: float | None = None,
     tolerance: float = 1e-3,
-    progress: Progress | None = None,
+    stages: Stages | None = None,
     refinement: float = 1.0,
     form: str = "auto",
     symmetry: str = "auto",
@@ -115,8 +120,12 @@ def solve_linear_and_reaction(
 
     Parameters
     ----------
-    device, mu_r, tolerance, progress, refinement, form, symmetry
+    device
+        One that passed `check_geometry`.
+    mu_r, tolerance, refinement, form, symmetry
         As for `solve_linear`.
+    stages
+        Tells progress.
     box
         Lower and upper corner (3,) of the workspace, m, or None for no reaction.
     shared
@@ -134,11 +143,7 @@ def solve_linear_and_reaction(
     GeometryError, InputError, NotConverged
         As `solve_linear`.
     """
-    device = read_device(device)
-    check_arguments("solve_linear", tolerance, refinement, form)
-    stages = Stages(progress)
-    stages.next("checking the geometry", 0.0)
-    check_geometry(device)
+    stages = stages or Stages(None)
     properties = body_properties(device, mu_r)
     origin = Origin(device, True, mu_r)
     if not device.bodies:

@@ -1,5 +1,5 @@
-"""What solves of devices with the same iron have in common is made once: the mutual potentials of its faces, solutions,
-reactions."""
+"""What devices of one job have in common is made once: checks of their geometry, the mutual potentials of their iron's
+faces, solutions, reactions."""
 
 import hashlib
 import pickle
@@ -9,18 +9,20 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from fieldmap.device.coils import Coil
+from fieldmap.device.model import Device
 from fieldmap.iron.mesh.mesh import IronMesh
 
 R = TypeVar("R")
 # Solutions, reactions and answers to sensors: charges of the surface, of those used last.
 _MOST = 16
+# Of a device: what decides neither its solves nor whether its geometry is sound.
+_APART = ("title", "payload", "driver", "references", "sections", "provenance", "source", "text")
 
 
 class SharedSolves:
-    """What was made of the iron that was solved last: the operators of its mesh, and what else solves have asked for.
+    """The operators of the mesh of the iron that was solved last, and the last of what else was asked for.
 
-    A mesh with other points, elements or symmetry replaces all of it, so that memory does not grow with the number of
-    devices. Ask for devices with the same iron one after the other.
+    Memory does not grow with the number of devices. Ask for devices with the same iron one after the other.
     """
 
     def __init__(self) -> None:
@@ -49,7 +51,6 @@ class SharedSolves:
         if content != self._mesh:
             self._mesh = content
             self._operators.clear()
-            self._solves.clear()
         if name not in self._operators:
             self._operators[name] = make()
         found: R = self._operators[name]
@@ -70,7 +71,15 @@ class SharedSolves:
         R
             It, or what was made of equal data before.
         """
-        key = digest(*depends_on)
+        return self.once((self._mesh, *depends_on), make)
+
+    def once(self, depends_on: tuple[Any, ...], make: Callable[[], R]) -> R:
+        """As `solve`, of what depends on this plain data alone, whatever the mesh."""
+        try:
+            key = digest(*depends_on)
+        except (AttributeError, TypeError, pickle.PicklingError):
+            # With a local function of the user, as the field of a source in air: nothing equals it.
+            return make()
         found: R = self._solves.pop(key) if key in self._solves else make()
         self._solves[key] = found
         while len(self._solves) > _MOST:
@@ -87,3 +96,9 @@ def windings(coils: tuple[Coil, ...]) -> tuple[Coil, ...]:
     """What of coils decides their fields per ampere: without names and what is known of the copper."""
     unnamed = {"name": "", "resistance": None, "inductance": None}
     return tuple(replace(coil, **unnamed) for coil in coils)  # zuban: ignore[misc]
+
+
+def what_is_solved(device: Device) -> tuple[Any, ...]:
+    """What of a device decides its solves and whether its geometry is sound, with the names that notes tell."""
+    rest = {name: value for name, value in vars(device).items() if name not in (*_APART, "coils")}
+    return device.coil_names, windings(device.coils), rest

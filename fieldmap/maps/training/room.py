@@ -5,7 +5,6 @@ modes of its own. Coils that carry one current are one signal. Coils that act on
 fields, so these are grouped first.
 """
 
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import monotonic
@@ -16,7 +15,9 @@ from fieldmap.currents import CurrentDomain
 from fieldmap.errors import InputError
 from fieldmap.inputs.document import AtKey
 from fieldmap.iron import NonlinearSolver
+from fieldmap.iron.operators.assembled import memory_bytes
 from fieldmap.maps.training.plan import Plan
+from fieldmap.maps.training.sampling import candidates_at_first
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
@@ -26,8 +27,8 @@ _STATES = 45
 # Matrices of nodes and modes, and of points and modes, that are in memory at the same time; points per node of
 # second-order tetrahedra with four points each.
 _OF_NODES, _OF_POINTS, _POINTS_PER_NODE = 6, 3, 2.75
-# Candidates for sample points by number of modes and of sample points, and states whose conditions are in memory.
-_PER_MODE, _PER_POINT, _FEWEST, _CONDITIONS = 50, 4, 1000, 32
+# States whose conditions on sample points are in memory.
+_CONDITIONS = 32
 # Solver, mesh and libraries, bytes.
 _BASE = 4e8
 # Time of a training over that of one linear solve for all coils: 64 coils took 254 s and 1 s.
@@ -70,7 +71,7 @@ def needs(nodes: int, coils: int, signals: int, modes: int, plan: Plan) -> Needs
     """
     tangents = coils + signals if plan.inductance and signals < coils else signals
     points = _POINTS_PER_NODE * nodes
-    candidates = min(max(_FEWEST, _PER_MODE * modes), max(_FEWEST, _PER_POINT * plan.points), points)
+    candidates = min(candidates_at_first(modes, plan.points), points)
     conditions = modes + coils + (coils * (coils + 1) / 2 if plan.inductance else 0)
     numbers = (
         _OF_NODES * nodes * modes
@@ -106,7 +107,7 @@ def require_room(
         If memory or disk are too small. It names groups of coils with which they would be large enough.
     """
     coils, signals = domain.parametrisation.coil_count, domain.parametrisation.signal_count
-    memory = memory_of_machine()
+    memory = memory_bytes() or float("inf")
 
     def of(count: int) -> Needs:
         return needs(solver.unknowns, coils, count, modes_of(count), plan)
@@ -173,14 +174,6 @@ def coupled_groups(inductance: Array, count: int) -> tuple[tuple[int, ...], ...]
     tree = linkage(squareform(0.5 * (apart + apart.T), checks=False), "average")
     group = cut_tree(tree, n_clusters=count)[:, 0]
     return tuple(tuple(np.flatnonzero(group == number).tolist()) for number in range(count))
-
-
-def memory_of_machine() -> float:
-    """Bytes of memory of this machine; infinite where the system does not tell them."""
-    names = getattr(os, "sysconf_names", {})
-    if "SC_PHYS_PAGES" not in names or "SC_PAGE_SIZE" not in names:
-        return float("inf")
-    return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
 
 
 def _gigabytes(size: float) -> str:

@@ -70,6 +70,11 @@ class Sampled(Record):
     enough: bool
 
 
+def candidates_at_first(modes: int, most: int) -> int:
+    """Number of points among which the first choice is made, of a model with so many modes and points at most."""
+    return max(_FEWEST_CANDIDATES, min(_CANDIDATES_PER_MODE * modes, _CANDIDATES_PER_POINT * most))
+
+
 def sampled(
     full: GalerkinModel,
     known: tuple[Array, Array],
@@ -168,8 +173,7 @@ class _Choice:
         self._importance = self._count_in(self._states, of_states)
         tell("sample points, conditions of their choice", OF_STATES)
         self._taken = 0
-        wanted = max(_FEWEST_CANDIDATES, _CANDIDATES_PER_MODE * full.modes)
-        self._count = min(wanted, max(_FEWEST_CANDIDATES, _CANDIDATES_PER_POINT * most))
+        self._count = candidates_at_first(full.modes, most)
         self._begin()
 
     def _begin(self) -> None:
