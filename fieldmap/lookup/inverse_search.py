@@ -23,8 +23,8 @@ _ROUNDING_OF_MODELS = 1e-12
 _HALVINGS = 50
 _NO_SHARE = 1e-9
 # Of components of one unit, the share of the largest that no currents need meet, and the share of the strongest
-# combination of components below which currents command none. In a place of symmetry more may be asked for than there
-# are coils, and the mesh of the iron is less symmetric than its machine.
+# combination of components below which currents command one only where the others do not do. In a place of symmetry
+# more may be asked for than there are coils, and the mesh of the iron is less symmetric than its machine.
 _NEARLY, _COMMANDED = 1e-4, 1e-3
 _MOST_STEPS, _MOST_CHANGES = 100, 10
 MOST_EVALUATIONS = 500
@@ -63,10 +63,13 @@ def _nearly(goal: Goal, matrix: Array, wanted: Array) -> Array | None:
     length = _of_unit(goal.demand, np.linalg.norm(matrix, axis=1))
     length[length == 0.0] = 1.0
     left, strength, _ = np.linalg.svd(matrix / length[:, None], full_matrices=False)
-    rows = left[:, strength > _COMMANDED * strength[0]].T / length
-    status, found, _ = goal.variables.least_power(np.ascontiguousarray(rows @ matrix), rows @ wanted)
-    off = np.abs(matrix @ found - wanted)
-    return found if status == FOUND and (off <= _NEARLY * sizes).all() else None
+    first, last = (np.count_nonzero(strength > share * strength[0]) for share in (_COMMANDED, _FAINT))
+    for count in range(first, last + 1):
+        rows = left[:, :count].T / length
+        status, found, _ = goal.variables.least_power(np.ascontiguousarray(rows @ matrix), rows @ wanted)
+        if status == FOUND and (np.abs(matrix @ found - wanted) <= _NEARLY * sizes).all():
+            return found
+    return None
 
 
 def _refusal(
@@ -79,6 +82,10 @@ def _refusal(
         return NotConverged.of("currents_for", must_hold, received, "report this case")
     if status == OUT_OF_RANGE:
         nearest = matrix @ np.linalg.lstsq(matrix, demand.values - constant, rcond=None)[0] + constant
+        sizes = _of_unit(demand, np.abs(demand.values))
+        if (np.abs(nearest - demand.values) <= _NEARLY * sizes).all():
+            must_hold = "the demand must be within the limits of the currents"
+            return demand.infeasible(must_hold, "ask for less, or widen the limits")
         must_hold = "some currents must meet the demand, without any limits"
         remedy = f"the nearest values that currents reach: {demand.text(nearest)}"
         return demand.infeasible(must_hold, remedy, reachable=nearest)
@@ -157,6 +164,7 @@ class Search:
     ) -> None:
         self.goal, self.demand, self.variables = goal, goal.demand, goal.variables
         self.first, self.met, self.saving, self.remedy = first, met, saving, remedy
+        self.nearly = False
         given, slope = goal.about(first)
         typical = np.maximum(
             np.maximum(np.abs(first), np.abs(self._shortest_change(given, slope))), 0.1 * scale
@@ -177,6 +185,16 @@ class Search:
         NotConverged
             Where there is no end within a hundred steps, or within the evaluations of the field that the call may take.
         """
+        try:
+            return self._search()
+        except Infeasible:
+            # What the strongest combinations alone give is often near enough, where weak ones lead astray.
+            if self.nearly or _nearly(self.goal, *self._missing(self.first)) is None:
+                raise
+            self._settle_for_nearly()
+            return self._search()
+
+    def _search(self) -> Array:
         values, power = self.first, self.variables.power
         off = self._off(values)
         before: list[float] = []
@@ -215,22 +233,32 @@ class Search:
     def _aim(self, values: Array, off: float) -> tuple[Array, float]:
         """Least-power variables of the demand made linear about `values`, or of the half, quarter, ... of what is
         missing of it where limits bind; and how much is left then."""
-        given, slope = self.goal.about(values)
-        here, missing = slope @ values, self.demand.values - given
+        slope, wanted = self._missing(values)
+        here, given = slope @ values, self.goal.about(values)[0]
         share = 1.0
         while share >= _NO_PROGRESS:
-            status, found, active = self.variables.least_power(slope, here + share * missing)
+            status, found, active = self.variables.least_power(slope, here + share * (wanted - here))
+            if status == FOUND and not self.nearly:
+                return found, (1.0 - share) * off
+            nearly = _nearly(self.goal, slope, wanted) if status == OUT_OF_RANGE or self.nearly else None
+            if nearly is not None:
+                self._settle_for_nearly()
+                return nearly, 0.0
             if status == FOUND:
                 return found, (1.0 - share) * off
-            nearly = _nearly(self.goal, slope, here + missing) if status == OUT_OF_RANGE else None
-            if nearly is not None:
-                # What is left of a component is judged by the largest of its unit from here on.
-                self.met, self.size = max(self.met, _NEARLY), _of_unit(self.demand, self.size)
-                return nearly, 0.0
             if status != BEYOND_LIMITS:
                 raise _refusal(self.goal, status, active, slope, given)
             share *= 0.5
         raise self._stuck(values)
+
+    def _missing(self, values: Array) -> tuple[Array, Array]:
+        """Matrix (r, n) of the goal about values, and what it must give of variables (r,)."""
+        given, slope = self.goal.about(values)
+        return slope, slope @ values + self.demand.values - given
+
+    def _settle_for_nearly(self) -> None:
+        """What is left of a component is judged by the largest of its unit from here on."""
+        self.nearly, self.met, self.size = True, max(self.met, _NEARLY), _of_unit(self.demand, self.size)
 
     def _step(self, values: Array, aim: Array, off: float, promised: float) -> tuple[Array, float] | None:
         """Towards the aim as far as that lowers the merit by a tenth of what it promises, and how far the demand is

@@ -23,6 +23,7 @@ from fieldmap.lookup import (
 from fieldmap.lookup.demand import demand_of
 from fieldmap.store import Grid, MapData
 from tests.dynamics.conftest import saturating_map
+from tests.refusals import refused
 
 MOMENT = np.array([0.1, -0.2, 0.8])
 LIMIT = 3.5
@@ -451,3 +452,57 @@ def test_a_mesh_that_is_less_symmetric_than_its_machine_is_no_reason_to_refuse(c
         currents_for(Tilted(5e-4, curved), **ask)
     with pytest.raises(Infeasible):
         currents_for(Tilted(0.0, curved), **(ask | {"force": [1e-3, 0.0, 0.6]}))
+
+
+class AlmostAlike(Field):
+    """Two coils of nearly one direction, which draw a little along x and y; curved: where the iron saturates."""
+
+    coil_names = ("a", "b")
+
+    def __init__(self, aside, curved=False):
+        self.curved = curved
+        self.slopes = np.array([[[-0.5, y, x], [y, -0.5, y], [x, y, 1.0]] for x, y in aside])
+
+    @property
+    def affine(self):
+        return not self.curved
+
+    proportional = affine
+
+    def field(self, points, currents):
+        return np.asarray(points) @ self.gradient(points, currents)[0]
+
+    def gradient(self, points, currents):
+        drive = np.asarray(currents, float).reshape(2)
+        slope = np.einsum("c,cij->ij", drive - 0.1 * self.curved * drive**3, self.slopes)
+        return np.broadcast_to(slope, (len(points), 3, 3))
+
+    def by_currents(self, points, currents):
+        rise = 1.0 - 0.3 * self.curved * np.asarray(currents, float) ** 2
+        slopes = np.broadcast_to(rise[:, None, None] * self.slopes, (len(points), 2, 3, 3))
+        by_field = np.einsum("pcij,pj->pci", slopes, points)
+        return self.field(points, currents), self.gradient(points, currents), by_field, slopes
+
+
+PULL = {"position": np.zeros(3), "force": [0.0, 0.0, 0.6], "moment": [0.0, 0.0, 1.0]}
+
+
+def test_what_only_a_weak_combination_gives_is_met_as_nearly_as_the_mesh_allows():
+    """Fx = 0.02 (a + b) + 5e-4 b is nothing at a = 24.6, b = -24, which leaves 2.4e-6 along y."""
+    alike = AlmostAlike([(0.02, 0.0), (0.0205, 1e-7)])
+    np.testing.assert_allclose(currents_for(alike, **PULL), [24.6, -24.0], rtol=1e-4)
+    with pytest.raises(Infeasible):
+        currents_for(alike, **(PULL | {"force": [0.0, 1e-3, 0.6]}))
+    with refused(Infeasible, must_hold="within the limits"):
+        currents_for(alike, limits=20.0, **PULL)
+
+
+def test_a_search_that_ends_near_the_demand_has_met_it():
+    """5e-5 of the force along x is left: currents that take it off would be beyond what the iron follows."""
+    force = [0.0, np.nan, 0.6]
+    currents = currents_for(
+        AlmostAlike([(5e-5, 0.0), (5.2e-5, 0.0)], curved=True), **(PULL | {"force": force})
+    )
+    assert (currents - 0.1 * currents**3).sum() == pytest.approx(0.6, rel=1e-4)
+    with pytest.raises(Infeasible):
+        currents_for(AlmostAlike([(5e-4, 0.0), (5.2e-4, 0.0)], curved=True), **(PULL | {"force": force}))
