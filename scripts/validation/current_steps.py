@@ -26,7 +26,7 @@ REFINEMENT = 0.4
 def current_steps() -> Iterator[Row]:
     """The drive unit, coarse, from 1.558 A in all coils: 40 V at one, the others at the voltages that kept them."""
     device = fm.read_device("drive_unit")
-    currents = {"lower_A": 1.0906, "upper_A": 2.0254, "states": 64, "accuracy": 4e-3, "modes": 60}
+    currents = {"lower_A": 1.0906, "upper_A": 2.0254, "states": 64, "accuracy": 2e-3, "modes": 60}
     currents |= {"points": 600, "held_out": 4, "inductance": True}
     iron = {"model": "saturating", "tolerance": 1e-3, "refinement": REFINEMENT}
     with tempfile.TemporaryDirectory() as folder:
