@@ -129,7 +129,7 @@ class Forecast:
         self._say, self._workers = say, workers
         self._work, self._done = dict(stages), defaultdict[str, float](float)
         self._began = self._stage_began = time.monotonic()
-        self._stage = ""
+        self._stage, self._anew = "", False
         self._begun: set[str] = set()
         # From the first stage on. The work that shows the pace: since when, how much is over, and when its last was.
         self._since = self._last = self._began
@@ -155,9 +155,16 @@ class Forecast:
         """Seconds since the stage began."""
         return time.monotonic() - self._stage_began
 
-    def afresh(self) -> None:
-        """Forget the pace: what is over says nothing of it."""
-        self._since, self._over = time.monotonic(), 0.0
+    def afresh(self, seconds: float) -> None:
+        """Forget the pace, of which what is over says nothing.
+
+        Parameters
+        ----------
+        seconds
+            As if so much work had taken as long as expected: what is loaded on the way is no measure of the pace.
+        """
+        self._last = time.monotonic()
+        self._since, self._over = self._last - seconds, seconds
 
     def at(self, stage: str, message: str, done: float = 0.0, count: float = 1.0) -> None:
         """Tell that `done` of `count` equal parts of a stage's work are done; the stage before it is over.
@@ -166,17 +173,20 @@ class Forecast:
         """
         now, whole = time.monotonic(), self._work[stage]
         work = whole * min(done / count, 1.0)
-        if not self._stage:
-            self._began = self._since = now
+        first = not self._stage
+        if first and not done:
+            self._began = now
+            self._since = now - self._over
         if stage != self._stage:
             self._begin(stage, now)
-        else:
+        if first or not self._anew:
             self._count(work - self._done[stage], now)
+        self._anew = False
         self._done[stage] = work
         # Time since some work was done goes off what that stage is expected to take, but never all of it.
         pace = (self._last - self._since) / self._over if self._over > 0.0 else 1.0
         since = now - max(self._stage_began, self._last)
-        own = max((whole - work) * pace - since, _MORE * since)
+        own = max((whole - work) * pace - since, _MORE * since) if work < whole or not whole else 0.0
         others = sum(of - self._done[name] for name, of in self._work.items() if name != stage)
         left = own + pace * others
         # As long as nothing is expected, nothing is known.
@@ -200,7 +210,8 @@ class Forecast:
             for name in names[names.index(stage) :]:
                 self._done[name] = 0.0
         self._begun.add(stage)
-        self._stage, self._stage_began = stage, now
+        # What a stage has done when it begins took no time of this run.
+        self._stage, self._stage_began, self._anew = stage, now, True
 
     def _count(self, work: float, now: float) -> None:
         if work > 0.0:

@@ -212,10 +212,19 @@ def test_a_pace_can_be_found_afresh(clock):
     run = Run(clock, {"a": 10.0, "b": 50.0})
     run.stage("a", 2, 50.0)
     run.forecast.at("a", "", 2, 2)
-    run.forecast.afresh()
+    run.forecast.afresh(0.0)
     run.stage("b", 5, 10.0)
     late = run.shares[3:]
     assert late[:, 1] == pytest.approx(late[:, 0] / 150.0)
+
+
+def test_a_first_piece_that_waits_counts_less_beside_what_is_assumed(clock):
+    """10 s beside 10 s that count as expected: the pace is 2 behind the first second of work, not 11."""
+    run = Run(clock, {"b": 100.0})
+    run.forecast.afresh(10.0)
+    run.stage("b", 100, [11.0] + 99 * [1.0])
+    assert run.told[1][1] == pytest.approx(11.0 / (11.0 + 99.0 * 21.0 / 11.0))
+    assert run.told[50][1] == pytest.approx(60.0 / (60.0 + 50.0 * 70.0 / 60.0))
 
 
 def test_more_work_than_was_expected_is_told_as_soon_as_it_is_known(clock):

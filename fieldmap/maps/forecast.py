@@ -16,16 +16,16 @@ from fieldmap.store.large_map import LARGE, bytes_of_numbers
 
 STAGES = ("assembling", "training", "extremes", "points", "random", "search", "modes")
 # Seconds of one state that begins at a prediction: for each node, and for each byte of the mutual potentials.
-_NODE, _BYTE = 1.35e-5, 4.8e-10
+_NODE, _BYTE = 1.2e-5, 5.6e-10
 # The same before the iron is assembled, as a share of the time of the assembly.
 _OF_ASSEMBLY = 0.05
 # In states: what each of the first takes beyond another; the predictions of a round; the modes of all after the last,
 # for each of them and of their images.
-_EACH_FIRST, _ROUND, _MODES = 1.5, 2.5, 0.13
+_EACH_FIRST, _ROUND, _MODES = 1.5, 2.0, 0.11
 # In states: one at an extreme, one at random, and what follows those at extremes; the search for the worst currents;
 # what of the choice of points does not follow their number; the fields of the modes with the states that fewer modes
 # change most, and the errors on all solved states.
-EXTREME, _RANDOM, AFTER_EXTREMES, _SEARCH, _POINTS, _FIELDS, ERRORS = 0.85, 0.5, 8.0, 11.5, 9.0, 10.0, 14.0
+EXTREME, _RANDOM, AFTER_EXTREMES, _SEARCH, _POINTS, _FIELDS, ERRORS = 0.85, 0.5, 8.0, 12.5, 11.0, 12.0, 15.0
 # Extremes that are to be solved, where the domain has not been looked at.
 _EXTREMES = 25
 # States that are expected until the errors of two rounds tell: so many with their images, but no more than this share
@@ -39,6 +39,8 @@ _POINTS_PER_NODE = 2.75
 # The fields of one face, and of one coil, at one point. Of each field: the differences of two polynomials in a cell;
 # the same in a large map for each of its small cells, and that of its polynomials to the numbers at a node.
 _FACE, _COIL, _CELL, _LARGE_CELL, _NUMBER = 1.2e-8, 5e-6, 1e-4, 1.6e-6, 1e-6
+WARM = 1.0
+"""Seconds of states that count as expected: the first ones load what later ones find."""
 FIRST, AT_ONCE = 3, 4
 """States before the first round, and in each."""
 

@@ -18,6 +18,7 @@ from fieldmap.currents import CurrentDomain
 from fieldmap.histories import history_of_currents
 from fieldmap.iron.elements.bh_law import PACKED
 from fieldmap.iron.solvers.reduced import GalerkinModel, combinations, error_coordinates, same_lengths
+from fieldmap.maps.forecast import WARM
 from fieldmap.maps.training.cubature import Cubature, OfPoints, candidates
 from fieldmap.maps.training.model_error import Errors, ModeFields, Trial
 from fieldmap.maps.training.modes import enough, output_fields, proper_modes
@@ -80,7 +81,7 @@ def train_along_paths(
     """
     for stage in ("extremes", "search"):
         forecast.expect(stage, 0.0)
-    forecast.afresh()
+    forecast.afresh(WARM)
     level = solver.level
     # The history "shaken" goes up to twice the level.
     largest = np.maximum(domain.largest, 2.0 * np.abs(level))

@@ -15,6 +15,7 @@ from fieldmap.maps.forecast import (
     AT_ONCE,
     EXTREME,
     FIRST,
+    WARM,
     expect_choices,
     expect_tried,
     seconds_of_state,
@@ -104,7 +105,7 @@ class Training:
         extremes = domain.parametrisation.currents(extreme_signals(domain))
         self._extremes = min(len(self.different(extremes, range(len(extremes)))), _MOST_EXTREMES)
         # The assembly says nothing of the pace of states.
-        forecast.afresh()
+        forecast.afresh(WARM)
         self._begin()
 
     @property
