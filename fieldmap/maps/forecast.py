@@ -55,7 +55,7 @@ def expect_by_assembly(forecast: Forecast, seconds: float, states: int, held_out
     take."""
     forecast.expect("assembling", seconds)
     each = _OF_ASSEMBLY * seconds
-    forecast.expect("training", each * training(0, 0, states_needed((), (), states, 1.0), 0)[1])
+    forecast.expect("training", each * training(0, 0, states_expected((), (), states, 1.0, 0), 0)[1])
     expect_tried(forecast, each, _EXTREMES, held_out)
     for stage in ("points", "modes"):
         forecast.expect(stage, seconds)
@@ -120,27 +120,34 @@ def expect_fields(forecast: Forecast, grid: Grid, faces: int, fields: int) -> No
     forecast.expect("certificate", SOLVER_POINTS * point + cells * of_cell)
 
 
-def states_needed(
-    shares: Sequence[float], solved: Sequence[int], most: int, accuracy: float, images: int = 0
+def states_expected(
+    shares: Sequence[float], solved: Sequence[int], most: int, accuracy: float, images: int
 ) -> int:
     """How many states a training will take.
 
     Parameters
     ----------
-    shares, solved
-        The largest errors of its rounds, and how many states each knew: their logarithms on a line.
-    most
-        Most states.
-    accuracy
-        The error at which it ends.
+    shares, solved, most, accuracy
+        As for `states_needed`.
     images
         Images that each state has by symmetry.
     """
     usual = min(max(_STATES / (1 + images), FIRST + AT_ONCE), _SHARE * most)
-    reached = usual
+    found = usual
     if len(shares) >= 2:
-        slope, level = np.polyfit(solved, np.log(np.maximum(shares, 1e-12)), 1)
-        fitted = (np.log(accuracy) - level) / slope if slope < 0.0 else most
         # Two rounds may be lucky.
-        reached = np.clip(fitted, 0, most) + (usual - np.clip(fitted, 0, most)) / len(shares)
-    return round(float(np.clip(reached, solved[-1] if solved else 0, most)))
+        fitted = states_needed(shares, solved, most, accuracy)
+        found = fitted + (usual - fitted) / len(shares)
+    return max(round(found), solved[-1] if solved else 0)
+
+
+def states_needed(shares: Sequence[float], solved: Sequence[int], most: int, accuracy: float) -> int:
+    """How many states a training takes, by the largest errors of its rounds and how many states each knew: their
+    logarithms on a line."""
+    if len(shares) < 2:
+        return max(round(_SHARE * most), solved[-1] if solved else 0)
+    slope, level = np.polyfit(solved, np.log(np.maximum(shares, 1e-12)), 1)
+    if slope >= 0.0:
+        return most
+    reached = (np.log(accuracy) - level) / slope
+    return round(float(np.clip(reached, solved[-1], most)))

@@ -11,6 +11,7 @@ from fieldmap.maps.forecast import (
     expect_fields,
     expect_tried,
     seconds_of_state,
+    states_expected,
     states_needed,
     training,
 )
@@ -111,7 +112,7 @@ def test_before_the_iron_is_assembled_all_goes_by_what_that_takes(forecast):
         ([0.1, 0.01], [3, 7], 60, 0, 25),
         ([0.1, 0.01, 1e-3], [3, 7, 11], 60, 0, 20),
         # Errors of nothing, that hardly fall, stay or grow.
-        ([0.1, 0.0], [3, 7], 60, 0, 21),
+        ([0.1, 0.0], [3, 7], 60, 0, 23),
         ([0.1, 0.0999], [3, 7], 60, 0, 50),
         ([0.1, 0.1], [3, 7], 60, 0, 50),
         ([0.1, 0.2], [3, 7], 60, 0, 50),
@@ -119,5 +120,26 @@ def test_before_the_iron_is_assembled_all_goes_by_what_that_takes(forecast):
         ([0.1, 0.01], [30, 50], 60, 0, 50),
     ],
 )
-def test_states_that_are_needed_follow_from_the_errors_of_the_rounds(shares, solved, most, images, states):
-    assert states_needed(shares, solved, most, 1e-3, images) == pytest.approx(states, abs=0.5)
+def test_states_that_are_expected_begin_at_what_is_usual(shares, solved, most, images, states):
+    assert states_expected(shares, solved, most, 1e-3, images) == pytest.approx(states, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("shares", "solved", "states"),
+    [
+        # A tenth for every four states: 1e-3 after 3 + 8 of them.
+        ([0.1, 0.01], [3, 7], 11),
+        ([0.1, 0.01, 1e-4], [3, 7, 15], 11 + 4),
+        # Between the states that are there and the most: with an error of nothing, and with one that hardly falls.
+        ([0.1, 0.0], [3, 7], 7),
+        ([0.1, 0.0999], [3, 7], 60),
+        # Errors that grow or stay, and of too few rounds.
+        ([0.1, 0.1], [3, 7], 60),
+        ([0.1, 0.2], [3, 7], 60),
+        ([0.1], [3], 39),
+        ([], [], 39),
+        ([0.1], [50], 50),
+    ],
+)
+def test_states_that_are_needed_follow_from_the_errors_of_the_rounds(shares, solved, states):
+    assert states_needed(shares, solved, 60, 1e-3) == states

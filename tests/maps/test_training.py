@@ -11,7 +11,7 @@ from fieldmap.currents import CurrentDomain, IndependentCurrents
 from fieldmap.iron.solvers.reduced import GalerkinModel
 from fieldmap.lookup.current_model import CurrentModel
 from fieldmap.maps import forecast as expected_work
-from fieldmap.maps.forecast import STAGES, states_needed
+from fieldmap.maps.forecast import STAGES, states_expected
 from fieldmap.maps.training import condensation, search, training
 from fieldmap.maps.training.currents import extreme_signals, held_out, sequence, training_signals
 from fieldmap.maps.training.model_error import larger
@@ -342,7 +342,7 @@ def test_pieces_of_each_stage_are_counted(trained):
     for number, begin in enumerate([0, 1, *range(3, 3 + 4 * len(rounds), 4)]):
         end = (1, min(3, plan.states), min(begin + 4, plan.states))[min(number, 2)]
         known = max(number - 2, 0)
-        needed = states_needed(
+        needed = states_expected(
             shares[:known], [3 + 4 * k for k in range(known)], plan.states, plan.accuracy, images
         )
         needed = min(max(needed, begin) + 4, plan.states) if known else needed

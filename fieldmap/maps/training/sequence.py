@@ -19,7 +19,7 @@ from fieldmap.maps.forecast import (
     expect_choices,
     expect_tried,
     seconds_of_state,
-    states_needed,
+    states_expected,
     training,
 )
 from fieldmap.maps.training.currents import REACH, extreme_signals, is_among, reaches, training_signals
@@ -150,7 +150,7 @@ class Training:
             [found.solved for found in self.rounds],
         )
         images = len(self.solver.images)
-        return states_needed(shares, solved, self.plan.states, self.plan.accuracy, images)
+        return states_expected(shares, solved, self.plan.states, self.plan.accuracy, images)
 
     def _begin(self) -> None:
         """Solve the state in the middle of the domain, and the next two, which begin at its linear extrapolation."""
