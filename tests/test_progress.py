@@ -220,11 +220,23 @@ def test_a_pace_can_be_found_afresh(clock):
 
 def test_a_first_piece_that_waits_counts_less_beside_what_is_assumed(clock):
     """10 s beside 10 s that count as expected: the pace is 2 behind the first second of work, not 11."""
-    run = Run(clock, {"b": 100.0})
+    run = Run(clock, {"a": 1.0, "b": 100.0})
+    run.stage("a", 1, 9.0)
+    run.forecast.at("a", "", 1, 1)
     run.forecast.afresh(10.0)
     run.stage("b", 100, [11.0] + 99 * [1.0])
-    assert run.told[1][1] == pytest.approx(11.0 / (11.0 + 99.0 * 21.0 / 11.0))
-    assert run.told[50][1] == pytest.approx(60.0 / (60.0 + 50.0 * 70.0 / 60.0))
+    assert run.told[3][1] == pytest.approx(20.0 / (20.0 + 99.0 * 21.0 / 11.0))
+    assert run.told[52][1] == pytest.approx(69.0 / (69.0 + 50.0 * 70.0 / 60.0))
+
+
+def test_what_a_stage_has_done_when_it_begins_says_nothing_of_the_pace(clock):
+    """As that of a run that goes on: 60 of 80 pieces are there, of one second each; 20 are left of two each."""
+    run = Run(clock, {"a": 10.0, "b": 80.0})
+    run.stage("a", 10, 2.0)
+    for done in range(60, 80):
+        run.forecast.at("b", "", done, 80)
+        clock.now += 2.0
+    assert run.shares[11:, 1] == pytest.approx(run.shares[11:, 0] / 60.0)
 
 
 def test_more_work_than_was_expected_is_told_as_soon_as_it_is_known(clock):

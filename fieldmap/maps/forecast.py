@@ -1,8 +1,8 @@
 """What the stages of a map take, by the amounts of their work: seconds on the machine on which they were measured.
 
-The amounts are nodes of the iron, pairs of its faces, states, points and modes. The run corrects the seconds by its own
-pace (`fieldmap.progress.Forecast`). `python scripts/validate.py --only progress` prints for each stage what was
-expected and what it took; the factors below are from it, with `maps/workspace.toml` on two cores.
+The amounts are nodes of the iron, its matrix, states, points and modes. The run corrects the seconds by its own
+pace (`fieldmap.progress.Forecast`). The factors are from runs of `maps/workspace.toml`, with the processor seconds that
+tests/maps/test_forecast.py has for each stage, and of `maps/division_quick.toml` and `maps/eight_coils.toml`.
 """
 
 from collections.abc import Sequence
