@@ -11,7 +11,7 @@ import os
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from types import TracebackType
@@ -254,18 +254,20 @@ def _silent(message: str, fraction: float) -> None:
 
 
 def _bar() -> "RichProgress":
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        TaskProgressColumn,
-        TextColumn,
-        TimeElapsedColumn,
-    )
+    """A line of words, and the bar with its numbers below it: both fit into 80 columns."""
+    from rich.console import Console, RenderableType
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as RichProgress
+    from rich.text import Text
 
-    return RichProgress(
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
+    class Bar(RichProgress):
+        def get_renderables(self) -> Iterator[RenderableType]:
+            for task in self.tasks:
+                yield Text(task.description, overflow="ellipsis", no_wrap=True)
+            yield self.make_tasks_table(self.tasks)
+
+    return Bar(
+        BarColumn(bar_width=20),
         TaskProgressColumn(),
         TimeElapsedColumn(),
         TextColumn("{task.fields[left]}", markup=False),

@@ -153,10 +153,10 @@ def test_no_time_left_is_told_at_the_very_beginning_and_of_what_has_none(clock, 
 
 
 def test_a_bar_shows_the_same(monkeypatch, clock):
-    """Stage, rate, share, time left and memory, in a terminal of 100 columns."""
+    """Stage, rate, share, time left and memory, in a terminal of 80 columns."""
     out = StringIO()
     monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
-    console = partial(Console, file=out, force_terminal=True, width=110)
+    console = partial(Console, file=out, force_terminal=True, width=80)
     monkeypatch.setattr("rich.console.Console", lambda stderr: console())
     with Progress("map", timed=True) as progress:
         progress("state 1 of 40", 0.0)
