@@ -38,7 +38,7 @@ _PRODUCTS, _CONDENSED = 1.4e10, 5000
 _POINTS_PER_NODE = 2.75
 # The fields of one face, and of one coil, at one point. Of each field: the differences of two polynomials in a cell;
 # the same in a large map for each of its small cells, and that of its polynomials to the numbers at a node.
-_FACE, _COIL, _CELL, _LARGE_CELL, _NUMBER = 1.2e-8, 5e-6, 1e-4, 1.6e-6, 1e-6
+_FACE, _COIL, _CELL, _LARGE_CELL, _NUMBER = 1.2e-8, 5e-6, 7e-5, 1.6e-6, 1e-6
 WARM = 1.0
 """Seconds of states that count as expected: the first ones load what later ones find."""
 FIRST, AT_ONCE = 3, 4

@@ -199,7 +199,7 @@ def test_nodes_are_told_part_by_part_and_a_stopped_run_goes_on_with_those_it_lac
 
 
 def test_nodes_and_certificate_are_expected_by_their_amounts(parts, monkeypatch):
-    """No faces, since there is no iron: 0.1 ms for each field in each cell, of 7 x 4 x 4 cells and two coils."""
+    """No faces, since there is no iron: 0.07 ms for each field in each cell, of 7 x 4 x 4 cells and two coils."""
     noted = {}
 
     class Noting(Forecast):
@@ -211,4 +211,4 @@ def test_nodes_and_certificate_are_expected_by_their_amounts(parts, monkeypatch)
     parts.told()
     # 200 nodes, 6 x 24 x 24 points for the certificate, 5 us for each coil at each.
     assert noted["nodes"][-1] == pytest.approx(200 * 2 * 5e-6)
-    assert noted["certificate"][-1] == pytest.approx(3456 * 2 * 5e-6 + 1e-4 * 112 * 2)
+    assert noted["certificate"][-1] == pytest.approx(3456 * 2 * 5e-6 + 7e-5 * 112 * 2)
