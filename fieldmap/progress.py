@@ -1,8 +1,8 @@
-"""Progress on stderr: a bar on a terminal, a plain line now and then elsewhere; the time left where it can be told.
+"""Progress on stderr: a bar on a terminal, a line with its time now and then elsewhere.
 
-A time left is told where the share that is done is a share of the time (`timed`), after some seconds, and as long as
-the whole run and its later half agree on it. The steps of one solve are no shares of its time, and a run that compiles
-kernels has no time that others have.
+Both tell what is done, its rate and the number of workers where there are more than one (`Forecast`), the share that is
+done, the time that was spent and is left, and the memory of this process with its peak. A time left is told where the
+share is one of the time (`timed`); a run that compiles kernels has no time that others have.
 """
 
 import logging
@@ -10,26 +10,25 @@ import math
 import os
 import sys
 import time
-from bisect import bisect_right
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from rich.progress import Progress as RichProgress
     from rich.progress import TaskID
 
 _LOG = logging.getLogger("fieldmap")
 _LINE_EVERY_SECONDS = 10.0
-_LINE_EVERY_FRACTION = 0.25
-# A share that falls to less than this part of itself is that of another piece of work.
-_SAME_RUN = 0.4
-# A time left is told after so many seconds, and where two estimates are within this factor.
-_TOLD_AFTER_SECONDS, _AGREE = 5.0, 1.5
-_BETWEEN_SECONDS = 0.1
+# Of work that takes long, lines come after this share of the time that it has taken: a night's log can be read.
+_LINE_EVERY_SHARE = 0.01
+# A time left is told once this share of the run is over.
+_TOLD_FROM = 0.05
+# Of a stage without pieces that takes longer than was expected of it, this share of what it has taken is still to come.
+_MORE = 0.1
 _ENTERED: "list[Progress]" = []
 """One within the other."""
 
@@ -50,14 +49,12 @@ class Progress:
     def __init__(self, title: str, compiles: bool = False, timed: bool = False) -> None:
         self.title = title
         self._compiles = compiles and must_compile()
-        self._left = TimeLeft() if timed and not self._compiles else None
-        self._logged = ""
-        self.started = time.monotonic()
+        self._timed = timed and not self._compiles
+        self._logged = self._waiting = ""
+        self._began = self._nothing_done = time.monotonic()
+        self._printed = -math.inf
         self._bar: RichProgress | None = None
         self._task: TaskID | None = None
-        self._printed = -math.inf
-        self._fraction = self._told = -1.0
-        self._again = False
 
     def __enter__(self) -> "Progress":
         _ENTERED.append(self)
@@ -78,63 +75,167 @@ class Progress:
             _LOG.info("%s: %3.0f %% %s", self.title, 100 * fraction, message)
             self._logged = message
         now = time.monotonic()
-        seconds = None if self._left is None else self._left.at(now, fraction)
-        left = "" if seconds is None else f"about {seconds:.0f} s left"
+        if fraction == 0.0:
+            self._nothing_done = now
+        left = self._left(now, fraction)
         if self._bar is not None and self._task is not None:
             words = f"{self.title}: {message}"
-            self._bar.update(self._task, completed=fraction, description=words, left=left)
+            self._bar.update(self._task, completed=fraction, description=words, left=_joined(left, memory()))
             return
         if not self.shown or self in _ENTERED[:-1]:
             return
-        if fraction < _SAME_RUN * self._fraction:
-            # Another state or another solve: of the first all is told, of the others a line now and then.
-            self.started, self._fraction, self._again = now, -1.0, True
-        elif fraction < self._fraction:
-            # There is more to do than it seemed.
-            self._fraction, self._told = -1.0, fraction
-        rested = now >= self._printed + _LINE_EVERY_SECONDS
-        further = not self._again and fraction >= self._told + _LINE_EVERY_FRACTION
-        if (rested or further) and fraction > self._fraction:
-            spent = now - self.started
-            times = f"{spent:.0f} s, {left}" if left else f"{spent:.0f} s"
-            print(f"{self.title}: {100 * fraction:3.0f} % {message} ({times})", file=sys.stderr)
-            self._printed, self._told = now, fraction
-        self._fraction = fraction
+        spent = now - self._began
+        about = _joined(_in_words(spent), left, memory())
+        clock = time.strftime("%Y-%m-%d %H:%M:%S")
+        self._waiting = f"{clock} {self.title}: {100 * fraction:3.0f} % {message} ({about})"
+        if now >= self._printed + max(_LINE_EVERY_SECONDS, _LINE_EVERY_SHARE * spent):
+            self._print(now)
+
+    def _left(self, now: float, fraction: float) -> str:
+        if not self._timed or not _TOLD_FROM <= fraction < 1.0:
+            return ""
+        return f"about {_in_words((now - self._nothing_done) * (1.0 / fraction - 1.0))} left"
+
+    def _print(self, now: float) -> None:
+        print(self._waiting, file=sys.stderr, flush=True)
+        self._waiting, self._printed = "", now
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         _ENTERED.remove(self)
+        if self._waiting:
+            self._print(time.monotonic())
         if self._bar is not None:
             self._bar.stop()
 
 
-class TimeLeft:
-    """The seconds that are left of a run, by the times at which shares of it were done."""
+class Forecast:
+    """Tells how far a run is, whose stages come one after the other.
 
-    def __init__(self) -> None:
-        self._seen: list[tuple[float, float]] = []
+    The share that it tells is that of the time: what has passed, over that and what is left. It falls where more is to
+    be done than it seemed.
 
-    def at(self, now: float, fraction: float) -> float | None:
-        """When this share is done: the larger of two estimates, by the whole run and by its later half; None where they
-        do not agree, at the beginning, and at the end."""
-        if self._seen and fraction < self._seen[-1][1]:
-            self._seen.clear()
-        if not self._seen or now > self._seen[-1][0] + _BETWEEN_SECONDS:
-            self._seen.append((now, fraction))
-        begin, first = self._seen[0]
-        if now < begin + _TOLD_AFTER_SECONDS or fraction >= 1.0:
-            return None
-        middle = self._seen[bisect_right(self._seen, ((begin + now) / 2, math.inf)) - 1]
-        if middle[1] >= fraction:
-            return None
-        estimates = [(now - t) / (fraction - f) * (1.0 - fraction) for t, f in ((begin, first), middle)]
-        return max(estimates) if max(estimates) <= _AGREE * min(estimates) else None
+    stages: work expected of each, in their order, in seconds of some machine. What is left takes its work times the
+    pace of this machine, which shows in what was done. workers: how many processes there are.
+    """
+
+    def __init__(
+        self,
+        say: Callable[[str, float], None],
+        stages: Mapping[str, float],
+        workers: Callable[[], int] = lambda: 1,
+    ) -> None:
+        self._say, self._workers = say, workers
+        self._work, self._done = dict(stages), defaultdict[str, float](float)
+        self._began = self._stage_began = time.monotonic()
+        self._stage, self._anew = "", False
+        self._begun: set[str] = set()
+        # From the first stage on. The work that shows the pace: since when, how much is over, and when its last was.
+        self._since = self._last = self._began
+        self._over = 0.0
+
+    def expect(self, stage: str, work: float) -> None:
+        """Set all the work of a stage.
+
+        Parameters
+        ----------
+        stage
+            Its name.
+        work
+            Seconds, as those of `stages`.
+        """
+        self._work[stage] = work
+
+    def expected(self, stage: str) -> float:
+        """All the work that is expected of a stage, in the seconds of `stages`."""
+        return self._work[stage]
+
+    def taken(self) -> float:
+        """Seconds since the stage began."""
+        return time.monotonic() - self._stage_began
+
+    def afresh(self, seconds: float) -> None:
+        """Forget the pace, of which what is over says nothing.
+
+        Parameters
+        ----------
+        seconds
+            As if so much work had taken as long as expected: what is loaded on the way is no measure of the pace.
+        """
+        self._last = time.monotonic()
+        self._since, self._over = self._last - seconds, seconds
+
+    def at(self, stage: str, message: str, done: float = 0.0, count: float = 1.0) -> None:
+        """Tell that `done` of `count` equal parts of a stage's work are done; the stage before it is over.
+
+        A stage that begins again after its end is done anew, and all that come after it.
+        """
+        now, whole = time.monotonic(), self._work[stage]
+        work = whole * min(done / count, 1.0)
+        first = not self._stage
+        if first and not done:
+            self._began = now
+            self._since = now - self._over
+        if stage != self._stage:
+            self._begin(stage, now)
+        if first or not self._anew:
+            self._count(work - self._done[stage], now)
+        self._anew = False
+        self._done[stage] = work
+        # Time since some work was done goes off what that stage is expected to take, but never all of it.
+        pace = (self._last - self._since) / self._over if self._over > 0.0 else 1.0
+        since = now - max(self._stage_began, self._last)
+        own = max((whole - work) * pace - since, _MORE * since) if work < whole or not whole else 0.0
+        others = sum(of - self._done[name] for name, of in self._work.items() if name != stage)
+        left = own + pace * others
+        # As long as nothing is expected, nothing is known.
+        run, processes = now - self._began, self._workers()
+        share = run / (run + left) if run > 0.0 and any(self._work.values()) else 0.0
+        self._say(f"{message}, {processes} workers" if processes > 1 else message, share)
+
+    def note(self, message: str) -> None:
+        """Tell something that is no progress."""
+        if self._stage:
+            self.at(self._stage, message, self._done[self._stage], self._work[self._stage] or 1.0)
+        else:
+            self._say(message, 0.0)
+
+    def _begin(self, stage: str, now: float) -> None:
+        if self._stage:
+            self._count(self._work[self._stage] - self._done[self._stage], now)
+            self._done[self._stage] = self._work[self._stage]
+        if stage in self._begun:
+            names = list(self._work)
+            for name in names[names.index(stage) :]:
+                self._done[name] = 0.0
+        self._begun.add(stage)
+        # What a stage has done when it begins took no time of this run.
+        self._stage, self._stage_began, self._anew = stage, now, True
+
+    def _count(self, work: float, now: float) -> None:
+        if work > 0.0:
+            self._over += work
+            self._last = now
+
+
+def rate(done: float, seconds: float, unit: str) -> str:
+    """How quickly work goes on, to be added to a message; "" at the beginning.
+
+    >>> rate(3, 12.0, "state"), rate(8, 2.0, "map"), rate(0, 2.0, "map")
+    (', 4.0 s a state', ', 4.0 maps/s', '')
+    """
+    if done <= 0 or seconds <= 0.0:
+        return ""
+    if seconds > done:
+        return f", {seconds / done:.1f} s a {unit}"
+    each = done / seconds
+    return f", {each:.{1 if each < 10.0 else 0}f} {unit}s/s"
 
 
 def shown_or_silent(
-    title: str, progress: "Callable[[str, float], None] | bool | None", timed: bool = False
-) -> "AbstractContextManager[Callable[[str, float], None]]":
+    title: str, progress: Callable[[str, float], None] | bool | None, timed: bool = False
+) -> AbstractContextManager[Callable[[str, float], None]]:
     """What a function calls as progress(message, fraction), as a context: `progress` itself, a `Progress` for True, one
     on a terminal for None, and nothing for False.
 
@@ -153,24 +254,63 @@ def _silent(message: str, fraction: float) -> None:
 
 
 def _bar() -> "RichProgress":
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        TaskProgressColumn,
-        TextColumn,
-        TimeElapsedColumn,
-    )
+    """A line of words, and the bar with its numbers below it: both fit into 80 columns."""
+    from rich.console import Console, RenderableType
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as RichProgress
+    from rich.text import Text
 
-    return RichProgress(
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
+    class Bar(RichProgress):
+        def get_renderables(self) -> Iterator[RenderableType]:
+            for task in self.tasks:
+                yield Text(task.description, overflow="ellipsis", no_wrap=True)
+            yield self.make_tasks_table(self.tasks)
+
+    return Bar(
+        BarColumn(bar_width=20),
         TaskProgressColumn(),
         TimeElapsedColumn(),
         TextColumn("{task.fields[left]}", markup=False),
         console=Console(stderr=True),
         transient=True,
     )
+
+
+def memory() -> str:
+    """What this process has, and the most that it has had, in words; "" without the extra `cli`."""
+    try:
+        import psutil
+    except ImportError:
+        return ""
+    have = psutil.Process().memory_info()
+    most = peak_memory() or getattr(have, "peak_wset", have.rss)
+    return f"{have.rss / 1e9:.1f} GB, at most {most / 1e9:.1f} GB"
+
+
+def peak_memory() -> int | None:
+    """The most memory, in bytes, that this process has had so far; None on Windows."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    # In kibibytes but for macOS.
+    return most if sys.platform == "darwin" else 1024 * most
+
+
+def _in_words(seconds: float) -> str:
+    """A time to two digits or more.
+
+    >>> _in_words(599.0), _in_words(601.0), _in_words(36001.0)
+    ('599 s', '10 min', '10.0 h')
+    """
+    if seconds < 600.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 36000.0 else f"{seconds / 3600.0:.1f} h"
+
+
+def _joined(*words: str) -> str:
+    return ", ".join(filter(None, words))
 
 
 def must_compile() -> bool:

@@ -32,6 +32,7 @@ from validation import (
     many_coils,
     many_maps,
     map_files,
+    progress,
     reaction,
     remembering,
     saturating_machines,
@@ -74,6 +75,7 @@ STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
     "killed_workers": (map_files.killed_workers, 400),
     "killed_schedulers": (map_files.killed_schedulers, 200),
     "many_maps": (many_maps.many_maps, 130),
+    "progress": (progress.of_progress, 350),
     "fuzz": (fuzz.fuzz, 1500),
     "large_maps": (large_maps.large_maps, 1500),
     "mag_manip": (mag_manip_program.mag_manip, 240),
@@ -142,11 +144,11 @@ def main() -> int:
     parser.add_argument("--only", nargs="+", choices=STUDIES, default=list(STUDIES), metavar="STUDY")
     parser.add_argument("--json", action="store_true", help="print the rows as JSON")
     options = parser.parse_args()
-    progress = Console(stderr=True, width=None if sys.stderr.isatty() else 140)
+    console = Console(stderr=True, width=None if sys.stderr.isatty() else 140)
     if hasattr(os, "getloadavg"):
         load = f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at the start"
-        progress.print(load, highlight=False)
-    rows = list(run(options.only, lambda text: progress.print(text, highlight=False)))
+        console.print(load, highlight=False)
+    rows = list(run(options.only, lambda text: console.print(text, highlight=False)))
     if options.json:
         print(json.dumps([{**asdict(row), "verdict": row.verdict} for row in rows], indent=2))
     else:

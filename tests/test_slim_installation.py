@@ -148,6 +148,7 @@ def test_the_core_is_three_libraries_and_what_pins_their_threads():
         "magpylib",
         "typer",
         "rich",
+        "psutil",
         "pandas",
     }
     assert len(brought) < 15

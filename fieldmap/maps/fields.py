@@ -6,7 +6,6 @@ back it knows no mesh: it does not refuse points inside the iron, which the geom
 """
 
 import itertools
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from time import monotonic, process_time
@@ -22,7 +21,7 @@ from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.reaction import DipoleAnswers, ReactionFields
 from fieldmap.iron.solvers.shared import SharedSolves, windings
-from fieldmap.maps.forecast import Forecast
+from fieldmap.maps.forecast import expect_fields
 from fieldmap.maps.training.currents import corner_signals
 from fieldmap.maps.training.hysteresis import train_along_paths
 from fieldmap.maps.training.plan import Plan
@@ -30,6 +29,7 @@ from fieldmap.maps.training.solved_paths import PathSolver, SolvedPaths
 from fieldmap.maps.training.states import SolvedStates
 from fieldmap.maps.training.training import train
 from fieldmap.parallel import Common, Workers
+from fieldmap.progress import Forecast
 from fieldmap.records import Record
 from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.sources.inductance import background_linkage, bare_inductance
@@ -244,6 +244,7 @@ def trained_arrays(
         workers.prepare(common)
         solver = common.use(_solver(device, refinement, assembling))
         assembled = True
+        expect_fields(forecast, grid, len(solver.surface.areas), len(device.coils) + plan.fields)
         solved = SolvedStates(checkpoint, common, workers)
         trained = train(solver, domain, plan, points, reference, solved, forecast)
         surface = solver.surface
@@ -298,14 +299,3 @@ class Stopwatch:
 
     def _now(self) -> Array:
         return np.array([monotonic(), process_time() + self._workers.processor_seconds])
-
-
-def peak_memory() -> dict[str, int]:
-    """The most memory, in bytes, that this process has had so far, as a map's report has it; nothing on Windows."""
-    try:
-        import resource
-    except ImportError:
-        return {}
-    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    # In kibibytes but for macOS.
-    return {"generation_peak_memory_bytes": most if sys.platform == "darwin" else 1024 * most}

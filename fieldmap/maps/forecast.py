@@ -1,124 +1,148 @@
-"""How far a run is, by the time that it has taken and the time that what is left will take.
+"""What the stages of a map take, by the amounts of their work: seconds on the machine on which they were measured.
 
-A share of the states, or of the points, is no measure: how many there are, and how long one takes, shows only on the
-way. Each stage of a run has the seconds expected of it, first from what is known before, then from its own pieces.
-
-What the stages of a training are expected to take before are ratios that were measured on the shipped devices; half or
-twice of them does no harm, as each stage that runs replaces its own.
+The amounts are nodes of the iron, its matrix, states, points and modes. The run corrects the seconds by its own
+pace (`fieldmap.progress.Forecast`). The factors are from runs of `maps/workspace.toml`, with the processor seconds that
+tests/maps/test_forecast.py has for each stage, and of `maps/division_quick.toml` and `maps/eight_coils.toml`.
 """
 
-from collections.abc import Mapping, Sequence
-from time import monotonic
+from collections.abc import Sequence
 
 import numpy as np
 
-from fieldmap.typing import Progress
+from fieldmap.maps.error_bound import SOLVER_POINTS
+from fieldmap.progress import Forecast
+from fieldmap.store import Grid
+from fieldmap.store.large_map import LARGE, bytes_of_numbers
 
 STAGES = ("assembling", "training", "extremes", "points", "random", "search", "modes")
-# One state, and the fields of the modes, over the assembly of the solver.
-_STATE, _MODES = 0.17, 0.7
-# Of the states that a plan allows, how many it is expected to take until the errors of some rounds tell.
-_SHARE = 0.65
-# States to try the model on begin from its prediction: over those that it is trained on.
-_TRIED = 0.3
-# Points times states times twice the square of the modes that the whole choice does in one second, and how many states
-# of the trained model the choice of fewer modes and points takes, solved several times each.
-_PRODUCTS, _CONDENSED = 1e10, 5000
-# Extremes that are to be solved, of those that there may be: the others are images. What the search for the worst
-# currents costs, as so many states to try.
-_EXTREMES, _SEARCH = 25, 30
-# Of a stage without pieces that takes longer than was expected of it, this share of what it has taken is still to come.
-_MORE = 0.1
+# Seconds of one state that begins at a prediction: for each node, and for each byte of the mutual potentials.
+_NODE, _BYTE = 1.2e-5, 5.6e-10
+# The same before the iron is assembled, as a share of the time of the assembly.
+_OF_ASSEMBLY = 0.05
+# In states: what each of the first takes beyond another; the predictions of a round; the modes of all after the last,
+# for each of them and of their images.
+_EACH_FIRST, _ROUND, _MODES = 1.5, 2.0, 0.11
+# In states: one at an extreme, one at random, and what follows those at extremes; the search for the worst currents;
+# what of the choice of points does not follow their number; the fields of the modes with the states that fewer modes
+# change most, and the errors on all solved states.
+EXTREME, _RANDOM, AFTER_EXTREMES, _SEARCH, _POINTS, _FIELDS, ERRORS = 0.85, 0.5, 8.0, 12.5, 11.0, 12.0, 15.0
+# Extremes that are to be solved, where the domain has not been looked at.
+_EXTREMES = 25
+# States that are expected until the errors of two rounds tell: so many with their images, but no more than this share
+# of those that a plan allows.
+_STATES, _SHARE = 54, 0.65
+# Products in one second: of points times states times twice the square of the modes in the choice of points, and of as
+# many states of the trained model in the choice of fewer modes and points.
+_PRODUCTS, _CONDENSED = 1.4e10, 5000
+# Points of the law at each node, for second-order tetrahedra with four points each.
+_POINTS_PER_NODE = 2.75
+# The fields of one face, and of one coil, at one point. Of each field: the differences of two polynomials in a cell;
+# the same in a large map for each of its small cells, and that of its polynomials to the numbers at a node.
+_FACE, _COIL, _CELL, _LARGE_CELL, _NUMBER = 1.2e-8, 5e-6, 7e-5, 1.6e-6, 1e-6
+WARM = 1.0
+"""Seconds of states that count as expected: the first ones load what later ones find."""
+FIRST, AT_ONCE = 3, 4
+"""States before the first round, and in each."""
 
 
-class Forecast:
-    """Tells a run's progress: stages one after the other, each of pieces that take about the same time.
+def seconds_of_state(nodes: int, matrix_bytes: float) -> float:
+    """Of one state of iron with so many nodes and such a matrix of mutual potentials."""
+    return _NODE * nodes + _BYTE * matrix_bytes
 
-    stages: seconds expected of each, in their order. The share that is told never falls, unless the run goes back to
-    an earlier stage: what comes after that is to be done again.
+
+def expect_by_assembly(forecast: Forecast, seconds: float, states: int, held_out: int) -> None:
+    """Of a training of at most so many states, where nothing is known but the seconds that the assembly seems to
+    take."""
+    forecast.expect("assembling", seconds)
+    each = _OF_ASSEMBLY * seconds
+    forecast.expect("training", each * training(0, 0, states_expected((), (), states, 1.0, 0), 0)[1])
+    expect_tried(forecast, each, _EXTREMES, held_out)
+    for stage in ("points", "modes"):
+        forecast.expect(stage, seconds)
+
+
+def training(solved: int, rounds: int, left: int, images: int) -> tuple[float, float]:
+    """How much of the training is done, and how much it is in all, in states.
+
+    Parameters
+    ----------
+    solved, rounds
+        States and rounds that this run has behind it.
+    left
+        States that are to be solved.
+    images
+        Images that each state has by symmetry.
     """
-
-    def __init__(self, say: Progress, stages: Mapping[str, float]) -> None:
-        self._say = say
-        self._expected = dict(stages)
-        self._began = monotonic()
-        self._stage_began = monotonic()
-        self._stage, self._told = "", 0.0
-        # Pieces of the stage that were done, and when.
-        self._pieces: list[tuple[float, float]] = []
-
-    def expect(self, stage: str, seconds: float) -> None:
-        """Set the seconds in all that a stage will take."""
-        self._expected[stage] = seconds
-
-    def expected(self, stage: str) -> float:
-        """Seconds in all that are expected of a stage now."""
-        return self._expected[stage]
-
-    def taken(self) -> float:
-        """Seconds since the stage began."""
-        return monotonic() - self._stage_began
-
-    def at(self, stage: str, message: str, done: float = 0.0, count: float = 1.0) -> None:
-        """Tell that `done` of about `count` pieces of a stage are done; stages before it are over."""
-        now = monotonic()
-        names = list(self._expected)
-        if stage != self._stage:
-            if self._stage and names.index(stage) < names.index(self._stage):
-                self._told = 0.0
-            self._stage, self._stage_began, self._pieces = stage, now, [(0.0, now)]
-        taken = now - self._stage_began
-        if done > 0:
-            self._expected[stage] = taken + (max(count, done) - done) * self._per_piece(done, now)
-        later = sum(self._expected[name] for name in names[names.index(stage) + 1 :])
-        own = self._expected[stage] - taken
-        left = later + (own if done > 0 else max(own, _MORE * taken))
-        # As long as nothing is expected, nothing is known.
-        if self._expected[stage] + later > 0.0:
-            run = monotonic() - self._began
-            self._told = max(self._told, run / (run + left))
-        self._say(message, self._told)
-
-    def _per_piece(self, done: float, now: float) -> float:
-        """Seconds of a piece, from the later half of those done: the first may have waited for what is compiled."""
-        first, since = [piece for piece in self._pieces if piece[0] <= done / 2][-1]
-        self._pieces.append((done, now))
-        return (now - since) / (done - first)
-
-    def note(self, message: str) -> None:
-        """Tell something that is no progress."""
-        self._say(message, self._told)
+    done = solved + _EACH_FIRST * min(solved, FIRST) + _ROUND * rounds
+    first = max(0, FIRST - solved) if left else 0
+    after = _MODES * (solved + left) * (1 + images)
+    return done, done + left + _EACH_FIRST * first + _ROUND * -(-(left - first) // AT_ONCE) + after
 
 
-def expect_training(forecast: Forecast, states: int, held_out: int) -> None:
-    """Before one of at most so many states is solved, by what the assembly is expected to take."""
-    assembling = forecast.expected("assembling")
-    forecast.expect("training", _SHARE * states * _STATE * assembling)
-    forecast.expect("points", assembling)
-    forecast.expect("modes", _MODES * assembling)
-    expect_tried(forecast, held_out, _STATE * assembling)
+def expect_tried(forecast: Forecast, each: float, extremes: int, held_out: int) -> None:
+    """States to try the model on, so many of them at extremes and at random; each: seconds of one to train on."""
+    forecast.expect("extremes", each * (EXTREME * extremes + AFTER_EXTREMES))
+    forecast.expect("random", each * _RANDOM * held_out)
+    forecast.expect("search", each * _SEARCH)
 
 
-def expect_tried(forecast: Forecast, held_out: int, state: float) -> None:
-    """States to try the model on, so many of them at random, by the seconds that one takes to train on."""
-    forecast.expect("extremes", _TRIED * state * _EXTREMES)
-    forecast.expect("random", _TRIED * state * held_out)
-    forecast.expect("search", _TRIED * state * _SEARCH)
+def expect_choices(
+    forecast: Forecast, each: float, nodes: int, states: int, modes: int, sampled: int
+) -> None:
+    """The choice of sample points, and that of fewer modes and points.
+
+    Parameters
+    ----------
+    forecast
+        Of the time.
+    each
+        Seconds of a state.
+    nodes
+        Of the iron.
+    states
+        How many are trained on, images too.
+    modes
+        How many are trained.
+    sampled
+        Number of sample points.
+    """
+    of_points = states * _POINTS_PER_NODE * nodes * 2.0 * modes**2
+    forecast.expect("points", each * _POINTS + of_points / _PRODUCTS)
+    forecast.expect("modes", each * (_FIELDS + ERRORS) + _CONDENSED * sampled * 2.0 * modes**2 / _PRODUCTS)
 
 
-def expect_points(forecast: Forecast, points: int, modes: int, states: int) -> None:
-    """The choice of sample points, for so many points of the iron and states, images too."""
-    forecast.expect("points", states * points * modes * 2.0 * modes / _PRODUCTS)
+def expect_fields(forecast: Forecast, grid: Grid, faces: int, fields: int) -> None:
+    """So many fields at the nodes of a map, of so many charged faces, and the certificate of the map."""
+    cells = float(np.prod(np.array(grid.shape) - 1)) * fields
+    of_cell = _NUMBER + _LARGE_CELL if bytes_of_numbers(grid, fields) > LARGE else _CELL
+    point = faces * _FACE + fields * _COIL
+    forecast.expect("nodes", grid.size * point)
+    forecast.expect("certificate", SOLVER_POINTS * point + cells * of_cell)
 
 
-def expect_modes(forecast: Forecast, points: int, modes: int) -> None:
-    """The fields of the modes, and the choice of those that are kept, for so many that were trained."""
-    fields = _MODES * forecast.expected("assembling")
-    forecast.expect("modes", fields + _CONDENSED * points * 2.0 * modes**2 / _PRODUCTS)
+def states_expected(
+    shares: Sequence[float], solved: Sequence[int], most: int, accuracy: float, images: int
+) -> int:
+    """How many states a training will take.
+
+    Parameters
+    ----------
+    shares, solved, most, accuracy
+        As for `states_needed`.
+    images
+        Images that each state has by symmetry.
+    """
+    usual = min(max(_STATES / (1 + images), FIRST + AT_ONCE), _SHARE * most)
+    found = usual
+    if len(shares) >= 2:
+        # Two rounds may be lucky.
+        fitted = states_needed(shares, solved, most, accuracy)
+        found = fitted + (usual - fitted) / len(shares)
+    return max(round(found), solved[-1] if solved else 0)
 
 
 def states_needed(shares: Sequence[float], solved: Sequence[int], most: int, accuracy: float) -> int:
-    """How many states a training will take, by the largest errors of its rounds and how many states each knew: their
+    """How many states a training takes, by the largest errors of its rounds and how many states each knew: their
     logarithms on a line."""
     if len(shares) < 2:
         return max(round(_SHARE * most), solved[-1] if solved else 0)

@@ -26,7 +26,7 @@ from fieldmap.iron.report import Stages
 from fieldmap.iron.solvers.linear import solve_linear_and_reaction
 from fieldmap.iron.solvers.shared import SharedSolves, what_is_solved
 from fieldmap.maps.acceptance import require_accuracy
-from fieldmap.maps.error_bound import SOLVER_POINTS, certified_bounds, interpolation_error
+from fieldmap.maps.error_bound import certified_bounds, interpolation_error
 from fieldmap.maps.fields import (
     ANSWERS,
     REACTION,
@@ -41,14 +41,13 @@ from fieldmap.maps.fields import (
     linkage_in_air,
     linkage_of,
     of_single_turns,
-    peak_memory,
     reaction_arrays,
     reaction_from,
     to_arrays,
     trained_arrays,
     trained_map,
 )
-from fieldmap.maps.forecast import STAGES, Forecast, expect_training
+from fieldmap.maps.forecast import STAGES, expect_by_assembly, expect_fields
 from fieldmap.maps.large import STEPS, before_the_start, certified, make_cells
 from fieldmap.maps.near_sources import largest_field, require_distance, require_use
 from fieldmap.maps.recipe import (
@@ -62,7 +61,7 @@ from fieldmap.maps.recipe import (
 from fieldmap.maps.training.currents import corner_signals
 from fieldmap.maps.training.plan import Plan
 from fieldmap.parallel import Common, Workers, same_arithmetic
-from fieldmap.progress import shown_or_silent
+from fieldmap.progress import Forecast, peak_memory, rate, shown_or_silent
 from fieldmap.provenance import fingerprint, library_versions
 from fieldmap.store import (
     Checkpoint,
@@ -103,10 +102,10 @@ CODE = (
     "iron",
     "maps",
 )
-# Expected times before a point is evaluated: of the fields at the nodes and of the certificate, as shares of the time
-# of the solve; of the differences of two polynomials in one cell, for one field, s; and of those of a large map's
-# polynomials to the numbers at one node.
-_NODES, _CERTIFICATE, _CELL, _NUMBER = 0.1, 0.3, 1e-4, 1e-6
+# Faces of iron that is not meshed yet, about.
+_FACES = 10_000
+# Stages of every map, after its fields are found.
+_FILLING = ("nodes", "certificate")
 # Points of one piece of work: about as many as the nodes of a part of the file.
 _POINTS = 1000
 Fields: TypeAlias = LinearSolution | SaturatingFields
@@ -341,12 +340,14 @@ def _linear(
 ) -> None:
     """The map of linear iron. single: the device with one turn in every coil, whose geometry is sound; shared: what
     maps have solved."""
-    forecast = Forecast(say, {"solving": 0.0, "nodes": 0.0, "certificate": 0.0})
+    forecast = Forecast(say, dict.fromkeys(("solving", *_FILLING), 0.0), workers.processes)
     grid, checkpoint = writer.info.grid, writer.checkpoint
+    expect_fields(forecast, grid, _FACES, len(device.coils))
 
     def tell(message: str, share: float) -> None:
+        if share > 0.0:
+            forecast.expect("solving", forecast.taken() / share)
         forecast.at("solving", message, share)
-        _expect_fields(forecast, "solving")
 
     def solve() -> Kept:
         box = (grid.lower, grid.upper) if order.reaction else None
@@ -377,12 +378,12 @@ def _saturating(
     accept_error: bool,
 ) -> None:
     """The map of iron that saturates, with hysteresis or without."""
-    forecast = Forecast(say, dict.fromkeys((*STAGES, "nodes", "certificate"), 0.0))
+    forecast = Forecast(say, dict.fromkeys((*STAGES, *_FILLING), 0.0), workers.processes)
 
     def assembling(message: str, share: float) -> None:
+        if share > 0.0:
+            expect_by_assembly(forecast, forecast.taken() / share, plan.states, plan.held_out)
         forecast.at("assembling", message, share)
-        expect_training(forecast, plan.states, plan.held_out)
-        _expect_fields(forecast, "assembling")
 
     info, checkpoint = writer.info, writer.checkpoint
     kind = order.model == "hysteresis", order.reaction
@@ -427,6 +428,8 @@ def _fill(
     state."""
     if writer.resumed:
         forecast.note(f"resumed with {writer.resumed} of {len(writer.chunks)} parts")
+    expect_fields(forecast, writer.info.grid, fields.report.surface_faces, len(largest_weights))
+    forecast.expect("nodes", forecast.expected("nodes") * len(writer.missing) / len(writer.chunks))
     common = Common.of(fields)
     _evaluate(common, workers, writer, forecast)
     forecast.at("certificate", "certifying the lookup against the solver")
@@ -471,7 +474,9 @@ def _fill(
             "sensors: saturating iron answers to magnets as it does without currents",
         )
     if spent is not None:
-        report |= {**spent.read(), **peak_memory()}
+        report |= spent.read()
+        if peak := peak_memory():
+            report["generation_peak_memory_bytes"] = peak
     if accepted is not None:
         names = ("flux_density_share", "gradient_share", "asked")
         report["accepted_error"] = {name: getattr(accepted, name) for name in names}
@@ -541,9 +546,12 @@ def _evaluate(fields: Common[Fields], workers: Workers, writer: Writer, forecast
     total, missing, grid = len(writer.chunks), writer.missing, writer.info.grid
     done = before = total - len(missing)
 
+    each = grid.size // grid.shape[0]
+
     def tell() -> None:
         if done < total:
-            message = f"field at the nodes, part {done + 1} of {total}"
+            now = sum(chunk.last - chunk.first for chunk in missing[: done - before]) * each
+            message = f"field at the nodes, part {done + 1} of {total}{rate(now, forecast.taken(), 'node')}"
             forecast.at("nodes", message, done - before, len(missing))
 
     tell()
@@ -555,19 +563,6 @@ def _evaluate(fields: Common[Fields], workers: Workers, writer: Writer, forecast
         writer.write(chunk, flux.reshape(*planes, 3), gradient.reshape(*planes, 3, 3))
         done += 1
         tell()
-    if parts:
-        points = sum(chunk.last - chunk.first for chunk in missing) * grid.size // grid.shape[0]
-        per_point = forecast.taken() / points
-        cells = np.prod(np.array(grid.shape) - 1) * len(flux)
-        large = isinstance(writer, LargeMapWriter)
-        seconds = (_NUMBER + _CELL / STEPS[1] ** 3) * cells if large else _CELL * cells
-        forecast.expect("certificate", per_point * SOLVER_POINTS + float(seconds))
-
-
-def _expect_fields(forecast: Forecast, solving: str) -> None:
-    """Forecast the later stages from the time of the stage that solves, before any point is evaluated."""
-    forecast.expect("nodes", _NODES * forecast.expected(solving))
-    forecast.expect("certificate", _CERTIFICATE * forecast.expected(solving))
 
 
 def _describe(

@@ -162,11 +162,15 @@ class Pool:
 
     def _room(self, seconds: float | None) -> int:
         """Pieces that may be under way, where one takes so many seconds; None where no one knows."""
-        if monotonic() - self._counted > _COUNTED_FOR_SECONDS:
-            self._counted, self._processes = monotonic(), len(self._client.nthreads())
         ahead = 0.0 if seconds is None else _SECONDS_AHEAD / max(seconds, 1e-9)
         each = min(max(_LEAST_AHEAD, math.ceil(ahead)), _MOST_AHEAD)
-        return max(_LEAST_UNDER_WAY, each * self._processes)
+        return max(_LEAST_UNDER_WAY, each * self.processes())
+
+    def processes(self) -> int:
+        """How many there are, counted a moment ago."""
+        if monotonic() - self._counted > _COUNTED_FOR_SECONDS:
+            self._counted, self._processes = monotonic(), len(self._client.nthreads())
+        return self._processes
 
 
 @contextmanager

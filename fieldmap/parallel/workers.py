@@ -67,6 +67,10 @@ class Workers:
         """Whether this process does the work itself."""
         return self._count == 1 and self._scheduler is None
 
+    def processes(self) -> int:
+        """How many processes do the work now; of a dask scheduler, as many as have joined it."""
+        return 1 if self._pool is None else self._pool.processes()
+
     @property
     def processor_seconds(self) -> float:
         """Spent in other processes so far, on what they finished."""

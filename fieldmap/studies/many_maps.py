@@ -23,7 +23,7 @@ from fieldmap.maps.generation import make_map
 from fieldmap.maps.recipe import Recipe, read_recipe, read_recipe_device
 from fieldmap.parallel import Common, Workers
 from fieldmap.plain import Plain, plain_items
-from fieldmap.progress import shown_or_silent
+from fieldmap.progress import Forecast, rate, shown_or_silent
 from fieldmap.provenance import library_versions
 from fieldmap.records import Record
 from fieldmap.store import read_info, write_whole
@@ -154,7 +154,8 @@ def generate_many(
     usual = OUTPUT_FOLDER / f"{study.path.stem}_maps.nc"
     target = checked_output(usual if output is None else Path(output))
     files = map_files(study, target)
-    numbers = _in_groups(study)
+    groups = _groups(study)
+    firsts, numbers = {group[0] for group in groups}, [number for group in groups for number in group]
     if part is not None:
         k, n = part
         check(1 <= k <= n, "generate_many, part", "(k, n) with k from 1 to n", repr(part), "correct it")
@@ -164,12 +165,17 @@ def generate_many(
     # Workers of a scheduler may run in another folder.
     items = [(study.variants[number].settings, str(files[number].absolute())) for number in numbers]
     with shown_or_silent("maps", progress, timed=True) as say, Workers(workers, scheduler) as team:
-        say(f"making {len(numbers)} maps", 0.0)
+        pieces = _Pieces([number in firsts for number in numbers])
+        forecast = Forecast(say, {"maps": pieces.whole}, team.processes)
+        forecast.at("maps", f"making {len(numbers)} maps")
         for outcome in team.map(_made, items, common):
             number = numbers[outcome.index]
             found[number] = _Made(problem=outcome.reason) if outcome.value is None else outcome.value
-            name = study.variants[number].name
-            say(f"{len(found)} of {len(numbers)} maps: {name}", len(found) / len(numbers))
+            pieces.count(outcome.index, outcome.seconds)
+            forecast.expect("maps", pieces.whole)
+            name, pace = study.variants[number].name, rate(len(found), forecast.taken(), "map")
+            message = f"{len(found)} of {len(numbers)} maps: {name}{pace}"
+            forecast.at("maps", message, pieces.done, pieces.whole)
     if part is not None:
         return None
     made = [found[number] for number in range(len(files))]
@@ -196,19 +202,43 @@ def _require_one_device(order: Recipe, study: Study) -> None:
         raise StudyError.of(f"{study.path}: device", must_hold, str(study.device_document.path), remedy)
 
 
-def _in_groups(study: Study) -> list[int]:
-    """Numbers of the variants, those with the same iron one after the other, and of these those that differ in turns
-    alone."""
-    ranks: dict[str, int] = {}
+class _Pieces:
+    """Seconds of maps: those that are done, and all, where the first with an iron takes longer than the others."""
 
-    def groups(number: int) -> list[int]:
-        data = study.variants[number].document.data
+    def __init__(self, first: Sequence[bool]) -> None:
+        self._first, self._left = first, [first.count(False), first.count(True)]
+        self._seconds: tuple[list[float], list[float]] = ([], [])
+
+    def count(self, index: int, seconds: float) -> None:
+        """One is done."""
+        kind = self._first[index]
+        self._left[kind] -= 1
+        self._seconds[kind].append(seconds)
+
+    @property
+    def done(self) -> float:
+        return sum(map(sum, self._seconds))
+
+    @property
+    def whole(self) -> float:
+        known = [float(np.mean(of)) for of in self._seconds if of] or [1.0]
+        means = [float(np.mean(of)) if of else known[0] for of in self._seconds]
+        return self.done + sum(left * mean for left, mean in zip(self._left, means, strict=True))
+
+
+def _groups(study: Study) -> list[list[int]]:
+    """Numbers of the variants: those with the same iron together, and of these, those that differ in turns alone one
+    after the other."""
+    groups: dict[str, dict[str, list[int]]] = {}
+    for number, variant in enumerate(study.variants):
+        data = variant.document.data
         iron = {key: of for key, of in data.items() if key not in (*_NOT_OF_THE_IRON, "parameters")}
         coils = [{key: of for key, of in coil.items() if key != "turns"} for coil in data.get("coil", ())]
-        texts = (json.dumps(of, sort_keys=True, default=str) for of in (iron, [coils, data.get("workspace")]))
-        return [ranks.setdefault(text, len(ranks)) for text in texts]
-
-    return sorted(range(len(study.variants)), key=groups)
+        of_iron, rest = (
+            json.dumps(of, sort_keys=True, default=str) for of in (iron, [coils, data.get("workspace")])
+        )
+        groups.setdefault(of_iron, {}).setdefault(rest, []).append(number)
+    return [[number for alike in group.values() for number in alike] for group in groups.values()]
 
 
 def _job(recipe: Recipe, document: Document, resume: bool, accept_error: bool) -> _Job:

@@ -20,6 +20,7 @@ from fieldmap.errors import StudyError
 from fieldmap.extras import require
 from fieldmap.parallel import Common, Workers
 from fieldmap.plain import Plain, plain_items
+from fieldmap.progress import Forecast, rate
 from fieldmap.provenance import library_versions
 from fieldmap.records import Record
 from fieldmap.store import Checkpoint, checkpoint_path, write_whole
@@ -165,7 +166,9 @@ def _solve(
     total = len(study.variants)
     waiting = [number for number in range(total) if number not in finished]
     resumed = total - len(waiting)
-    say(f"resumed with {resumed} of {total} variants" if resumed else f"solving {total} variants", 0.0)
+    forecast = Forecast(say, {"variants": len(waiting)}, team.processes)
+    begun = f"resumed with {resumed} of {total} variants" if resumed else f"solving {total} variants"
+    forecast.at("variants", begun)
     # The device file travels once, and of each variant the keys that it changes.
     common = Common.of(Task(study.device_document, study.current_sets, study.iron, study.record))
     for outcome in team.map(_solved, [study.variants[number].settings for number in waiting], common):
@@ -176,8 +179,9 @@ def _solve(
             result = VariantResult(rows)
         checkpoint.put(str(number), about=asdict(result))
         finished[number] = result
-        share = (len(finished) - resumed) / len(waiting)
-        say(f"{len(finished)} of {total} variants: {study.variants[number].name}", share)
+        done = len(finished) - resumed
+        name, pace = study.variants[number].name, rate(done, forecast.taken(), "variant")
+        forecast.at("variants", f"{len(finished)} of {total} variants: {name}{pace}", done, len(waiting))
 
 
 def _solved(task: Task, settings: Iterable[tuple[str, Value]]) -> VariantResult:

@@ -23,6 +23,7 @@ from fieldmap.iron.sensitivity.adjoint import quantity_of
 from fieldmap.iron.sensitivity.quantities import Quantity as FieldQuantity
 from fieldmap.parallel import Common, Workers
 from fieldmap.plain import plain, plain_fields
+from fieldmap.progress import Forecast, rate
 from fieldmap.provenance import fingerprint
 from fieldmap.records import Record
 from fieldmap.store import Checkpoint, checkpoint_path
@@ -183,7 +184,8 @@ class Designs:
     def __init__(
         self, problem: DesignProblem, team: Workers, checkpoint: Checkpoint | None, say: Progress
     ) -> None:
-        self.problem, self._team, self._checkpoint, self._say = problem, team, checkpoint, say
+        self.problem, self._team, self._checkpoint = problem, team, checkpoint
+        self._forecast = Forecast(say, {"designs": problem.solves}, team.processes)
         self._common = Common.of(problem)
         self.steps: list[Step] = []
         self.solves = self.kept = 0
@@ -276,8 +278,10 @@ class Designs:
         )
         label = self.problem.objective.label
         text = f"{label} {found.numbers[label]:.6g}" if found.solved else "failed"
-        share = min(1.0, (self.solves + self.kept) / self.problem.solves)
-        self._say(f"design {len(self.steps)}, {role}: {text}", share)
+        pace = rate(self.solves, self._forecast.taken(), "design")
+        message = f"design {len(self.steps)}, {role}: {text}{pace}"
+        # Kept ones take no time.
+        self._forecast.at("designs", message, self.solves, max(self.problem.solves - self.kept, self.solves))
 
     # What is judged.
 

@@ -8,12 +8,12 @@ import pytest
 from fieldmap.currents import CurrentDomain, IndependentCurrents
 from fieldmap.device.model import CircularCoil
 from fieldmap.iron.solvers.nonlinear import StateImage
-from fieldmap.maps.forecast import Forecast
 from fieldmap.maps.training import states as of_states
 from fieldmap.maps.training.plan import Plan
 from fieldmap.maps.training.sequence import Training
 from fieldmap.maps.training.states import SolvedStates, Stored
 from fieldmap.parallel import Common, Workers
+from fieldmap.progress import Forecast
 from fieldmap.store import Checkpoint
 
 POTENTIALS = np.array([[1.0, 2.0], [-3.0, 0.5], [0.0, 4.0], [2.5, -1.0]])
@@ -26,7 +26,7 @@ class LinearIron:
     """Nodal potentials that follow the currents by `POTENTIALS`. The solve of number `stops` is interrupted."""
 
     device = SimpleNamespace(coils=COILS, background=None, fixed_sources=())
-    images, unknowns = (), 4
+    images, unknowns, matrix_bytes = (), 4, 0
 
     def __init__(self, stops=None):
         self.solved, self.stops = [], stops

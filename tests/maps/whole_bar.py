@@ -32,7 +32,7 @@ class WholeBar:
 
     def __init__(self, coils=2, nodes=30, points=150, strength=5e-3, images=True):
         self.bar = bar(law_tables([Froehlich("steel", 2000.0, 2.1)]), coils, nodes, points, strength)
-        self.model, self.unknowns = self.bar.model, nodes
+        self.model, self.unknowns, self.matrix_bytes = self.bar.model, nodes, 0
         random = np.random.default_rng(31)
         self._charge = random.standard_normal((FACES, nodes)) / (1.0 + np.arange(nodes))
         self._flux = 2e-3 * random.standard_normal((FACES, len(POINTS), 3))

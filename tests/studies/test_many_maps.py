@@ -15,6 +15,7 @@ from fieldmap.errors import InputError, StudyError
 from fieldmap.iron.solvers import linear, shared
 from fieldmap.maps import generate, generation, near_sources
 from fieldmap.studies import generate_many, open_maps, read_study
+from fieldmap.studies.many_maps import _Pieces
 from fieldmap.studies.run import run_study
 from tests.store.conftest import numbers_in
 
@@ -255,3 +256,15 @@ def test_killed_twice_and_finished_by_two_workers(files, made, tmp_path):
     for file in (tmp_path / "killed").glob("*.h5"):
         ours, theirs = numbers_in(file), numbers_in(made[0].path.with_suffix("") / file.name)
         assert all(np.array_equal(ours[name], theirs[name]) for name in theirs)
+
+
+def test_maps_with_a_new_iron_are_expected_to_take_longer():
+    """Two irons of three maps each, 8 s for the first of an iron and 1 s for another: once one of each is done, all are
+    known."""
+    pieces = _Pieces([True, False, False, True, False, False])
+    wholes = []
+    for index, seconds in enumerate([8.0, 1.0, 1.0, 8.0, 1.0, 1.0]):
+        pieces.count(index, seconds)
+        wholes.append(pieces.whole)
+    assert wholes == [48.0, *[20.0] * 5]
+    assert pieces.done == 20.0

@@ -4,6 +4,7 @@ import re
 import signal
 import subprocess
 import sys
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -121,7 +122,8 @@ def test_a_failed_variant_is_recorded_and_the_rest_goes_on(devices, tmp_path):
 def test_failed_variants_are_solved_again_only_when_asked_to(devices, tmp_path):
     """If need be by the run after one that was killed."""
     study, target, said = devices.study("failing.toml", FAILING), tmp_path / "failing.nc", []
-    tell = {"progress": lambda text, _: said.append([int(number) for number in re.findall(r"\d+", text)])}
+    numbers = partial(re.findall, r"\d+")
+    tell = {"progress": lambda text, _: said.append([int(one) for one in numbers(text.split(", ")[0])])}
     run_study(study, target)
     run_study(study, target, **tell)
     run_study(study, target, retry=True, **tell)
@@ -178,11 +180,17 @@ def test_missing_libraries_are_named_with_their_extra(grid, tmp_path, monkeypatc
 def test_progress_is_told_in_words_and_shares(devices, tmp_path):
     told, study = [], devices.study("failing.toml", FAILING)
     run_study(study, tmp_path / "failing.nc", progress=lambda *of: told.append(of))
-    solved = [("1 of 2 variants: radius = 10", 0.5), ("2 of 2 variants: radius = 13", 1.0)]
-    assert told == [("solving 2 variants", 0.0), *solved, ("complete", 1.0)]
+    assert [text.split(", ")[0] for text, _ in told] == [
+        "solving 2 variants",
+        "1 of 2 variants: radius = 10",
+        "2 of 2 variants: radius = 13",
+        "complete",
+    ]
+    assert all(re.search(r", [\d.]+ (variants/s|s a variant)$", text) for text, _ in told[1:3])
+    assert [share for _, share in told] == [0.0, pytest.approx(0.5), 1.0, 1.0]
     told.clear()
     run_study(study, tmp_path / "failing.nc", retry=True, progress=lambda *of: told.append(of))
-    assert told == [
+    assert [(text.split(", ")[0], share) for text, share in told] == [
         ("resumed with 1 of 2 variants", 0.0),
         ("2 of 2 variants: radius = 13", 1.0),
         ("complete", 1.0),
@@ -200,6 +208,9 @@ class Dead:
 
     def __exit__(self, *_):
         pass
+
+    def processes(self):
+        return 2
 
     def map(self, function, things, common):
         for k, thing in enumerate(things):

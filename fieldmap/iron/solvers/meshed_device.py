@@ -57,6 +57,11 @@ class MeshedDevice:
         """The charged faces, whose densities are those of the states and of the modes of `project`."""
         return self._iron.surface
 
+    @property
+    def matrix_bytes(self) -> int:
+        """Memory of the mutual potentials of the faces and their inverse."""
+        return self._iron.mutual.bytes
+
     def charge_density(self, potential: Array) -> Array:
         """Charge per area of `surface`.
 

@@ -18,7 +18,7 @@ from fieldmap.currents import CurrentDomain
 from fieldmap.histories import history_of_currents
 from fieldmap.iron.elements.bh_law import PACKED
 from fieldmap.iron.solvers.reduced import GalerkinModel, combinations, error_coordinates, same_lengths
-from fieldmap.maps.forecast import Forecast
+from fieldmap.maps.forecast import WARM
 from fieldmap.maps.training.cubature import Cubature, OfPoints, candidates
 from fieldmap.maps.training.model_error import Errors, ModeFields, Trial
 from fieldmap.maps.training.modes import enough, output_fields, proper_modes
@@ -29,6 +29,7 @@ from fieldmap.maps.training.sequence import Round
 from fieldmap.maps.training.solved_paths import PathSolver, SolvedPath, SolvedPaths
 from fieldmap.maps.training.states import Snapshots, Solved
 from fieldmap.maps.training.training import Trained
+from fieldmap.progress import Forecast
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 
@@ -78,6 +79,9 @@ def train_along_paths(
     NotConverged
         If the solver or the reduced model fails on a path.
     """
+    for stage in ("extremes", "search"):
+        forecast.expect(stage, 0.0)
+    forecast.afresh(WARM)
     level = solver.level
     # The history "shaken" goes up to twice the level.
     largest = np.maximum(domain.largest, 2.0 * np.abs(level))

@@ -2,26 +2,40 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from time import monotonic
 
 import numpy as np
 
 from fieldmap.currents import CurrentDomain
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.solvers.reduced import same_lengths
-from fieldmap.maps.forecast import Forecast, expect_points, expect_tried, states_needed
-from fieldmap.maps.training.currents import REACH, is_among, reaches, training_signals
+from fieldmap.maps.forecast import (
+    AFTER_EXTREMES,
+    AT_ONCE,
+    EXTREME,
+    FIRST,
+    WARM,
+    expect_choices,
+    expect_tried,
+    seconds_of_state,
+    states_expected,
+    training,
+)
+from fieldmap.maps.training.currents import REACH, extreme_signals, is_among, reaches, training_signals
 from fieldmap.maps.training.model_error import Errors, ModeFields, Trial, larger
 from fieldmap.maps.training.modes import SolvedModes
 from fieldmap.maps.training.plan import Plan
 from fieldmap.maps.training.reduction import Reduction
-from fieldmap.maps.training.sampling import OF_STATES, ROUNDS, sampled
+from fieldmap.maps.training.sampling import ROUNDS, sampled
 from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates, Stored, Wanted
 from fieldmap.parallel import results_of
+from fieldmap.progress import Forecast, rate
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-# Number of states before the first round, and in each round.
-_FIRST, _AT_ONCE = 3, 4
+# Extremes that are expected to be solved, where there are more.
+_MOST_EXTREMES = 45
 # Tolerance of the solver for states, as a multiple of the accuracy. The residual is a thousandth of it.
 _SOLVED_BETTER = 10.0
 # Allowed projection error of a state onto the modes, in the energy norm, as a multiple of the accuracy.
@@ -35,8 +49,6 @@ _TOO_FEW_MODES, _ROUNDS_IN_VAIN = 4.0, 2
 _MODES_PER_SIGNAL, _MOST_PER_SIGNAL, _MOST = 5, 12, 200
 # Tolerance, as a multiple of the accuracy, of a state with the law at all points whose error is measured.
 _EXACT = 0.01
-# Sample points per unknown, for second-order tetrahedra with four points each.
-_POINTS_PER_UNKNOWN = 2.75
 
 
 @dataclass(frozen=True, repr=False)
@@ -88,7 +100,12 @@ class Training:
         self._off = bool(solver.device.fixed_sources)
         self._signals = training_signals(domain, plan.states, solver.images, self._off)
         self.currents = domain.parametrisation.currents(self._signals)
-        self.taken = min(_FIRST, plan.states)
+        self.taken = min(FIRST, plan.states)
+        self.seconds_of_state = seconds_of_state(solver.unknowns, solver.matrix_bytes)
+        extremes = domain.parametrisation.currents(extreme_signals(domain))
+        self._extremes = min(len(self.different(extremes, range(len(extremes)))), _MOST_EXTREMES)
+        # The assembly says nothing of the pace of states.
+        forecast.afresh(WARM)
         self._begin()
 
     @property
@@ -109,23 +126,31 @@ class Training:
         """
         plan = self.plan
         while not self.at_its_end:
-            count, needed = min(_AT_ONCE, plan.states - self.taken), self._needed()
+            count, needed = min(AT_ONCE, plan.states - self.taken), self._needed()
             if self.rounds:
                 # One more round is expected: only the round after the last state shows that it was enough.
-                needed = min(max(needed, self.taken) + _AT_ONCE, plan.states)
+                needed = min(max(needed, self.taken) + AT_ONCE, plan.states)
             found = next_round(self, range(self.taken, self.taken + count), needed)
             self.taken += count
             if found is not None:
                 self.rounds.append(found)
                 if found.errors.share <= plan.accuracy:
-                    return
+                    break
+        self._tell(f"modes of {self.known.solved} states", 0)
+
+    def _tell(self, message: str, left: int) -> None:
+        """Tell how far the training is, with so many states left."""
+        done, whole = training(self.states.computed, len(self.rounds), left, len(self.solver.images))
+        self.forecast.expect("training", self.seconds_of_state * whole)
+        self.forecast.at("training", message, done, whole)
 
     def _needed(self) -> int:
         shares, solved = (
             [found.errors.share for found in self.rounds],
             [found.solved for found in self.rounds],
         )
-        return states_needed(shares, solved, self.plan.states, self.plan.accuracy)
+        images = len(self.solver.images)
+        return states_expected(shares, solved, self.plan.states, self.plan.accuracy, images)
 
     def _begin(self) -> None:
         """Solve the state in the middle of the domain, and the next two, which begin at its linear extrapolation."""
@@ -162,14 +187,13 @@ class Training:
         most, forecast, images = self.plan.states, self.forecast, self.solver.images
 
         def tell(done: int) -> None:
-            number, computed = numbers.start + done, self.states.computed
+            number, each, nodes = numbers.start + done, self.seconds_of_state, self.solver.unknowns
+            expect_tried(forecast, each, self._extremes, self.plan.held_out)
+            states = needed * (1 + len(images))
+            expect_choices(forecast, each, nodes, states, self.most_modes, self.plan.points)
+            pace = rate(self.states.computed, forecast.taken(), "state")
             left = max(needed - number, len(numbers) - done)
-            forecast.at("training", f"state {number + 1} of at most {most}", computed, computed + left)
-            if computed and left:
-                per_state = (forecast.expected("training") - forecast.taken()) / left
-                expect_tried(forecast, self.plan.held_out, per_state)
-            points = round(_POINTS_PER_UNKNOWN * self.solver.unknowns)
-            expect_points(forecast, points, self.most_modes, needed * (1 + len(images)))
+            self._tell(f"state {number + 1} of at most {most}{pace}", left)
 
         wanted = [
             Wanted(k, self.currents[k], start, reaches(self.domain, self._signals[k], self.plan.inductance))
@@ -218,15 +242,20 @@ class Training:
             found = Snapshots(self.solver, lambda values: bool(is_among(values, currents).any()))
         left, gone = list(range(len(currents)) if numbers is None else numbers), 0
         count = len(left)
-        before, batch = self.states.computed, left
+        before, batch, begin = self.states.computed, left, monotonic()
 
         def tell(done: int) -> None:
             computed = self.states.computed - before
-            message = f"state {gone + done + 1} of {count} {text}"
+            pace = rate(computed, monotonic() - begin, "state")
+            message = f"state {gone + done + 1} of {count} {text}{pace}"
             if stage is None:
                 self.forecast.note(message)
-            else:
-                self.forecast.at(stage, message, computed, computed + len(batch) - done)
+                return
+            each, after = (EXTREME, AFTER_EXTREMES) if stage == "extremes" else (1.0, 0.0)
+            whole = each * (computed + len(batch) - done) + after
+            if stage == "extremes":
+                self.forecast.expect(stage, self.seconds_of_state * whole)
+            self.forecast.at(stage, message, each * computed, whole)
 
         while left:
             batch = self.different(currents, left)
@@ -273,10 +302,6 @@ class Training:
         fields = ModeFields(self.trial, *self.trial.fields(charge))
         in_vain = modes.model.modes >= self.most_modes >= most_modes_of(self.domain) and self.too_few(modes)
 
-        def tell(message: str, share: float) -> None:
-            # The time of the conditions does not predict that of the choice. Until they are done the forecast stands.
-            self.forecast.at("points", message, share if share >= OF_STATES else 0.0)
-
         points = sampled(
             modes.model,
             (modes.currents, modes.amplitudes),
@@ -286,7 +311,7 @@ class Training:
             fields.changed,
             self.plan.accuracy,
             self.plan.points,
-            tell,
+            partial(self.forecast.at, "points"),
             _ROUNDS_IN_VAIN if in_vain else ROUNDS,
             self.plan.inductance,
         )

@@ -11,9 +11,9 @@ import numpy as np
 from fieldmap.device.model import Device
 from fieldmap.histories import history_of_currents
 from fieldmap.iron import HysteresisSolver, IronMemory
-from fieldmap.maps.forecast import Forecast
 from fieldmap.maps.training.paths import CurrentPath
 from fieldmap.parallel import Common, Workers
+from fieldmap.progress import Forecast, rate
 from fieldmap.records import Record
 from fieldmap.store import Checkpoint
 from fieldmap.typing import Array
@@ -82,7 +82,8 @@ class SolvedPaths:
 
         stage: of the forecast; most: number of states that it is expected to take in all.
         """
-        first, begin = self.count, monotonic()
+        first, started = self.count, monotonic()
+        begin = started
         *numbers, self.count = np.cumsum([first, *(len(path.currents) for path in paths)]).tolist()
         tried = {
             k: self._known(number, path) for k, (number, path) in enumerate(zip(numbers, paths, strict=True))
@@ -93,7 +94,8 @@ class SolvedPaths:
         def tell() -> None:
             if len(found) < len(paths):
                 done = sum(len(solved.path.currents) for solved in found.values())
-                text = f"state {first + done + 1} on, along paths of the currents"
+                pace = rate(done, monotonic() - started, "state")
+                text = f"state {first + done + 1} on, along paths of the currents{pace}"
                 before = first if stage == "training" else 0
                 self._forecast.at(stage, text, before + done, max(most, before + done + 1))
 

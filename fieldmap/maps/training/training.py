@@ -19,7 +19,7 @@ from fieldmap.currents import CurrentDomain
 from fieldmap.errors import NotConverged
 from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.solvers.reduced import GalerkinModel, same_lengths
-from fieldmap.maps.forecast import Forecast, expect_modes
+from fieldmap.maps.forecast import ERRORS, expect_choices
 from fieldmap.maps.training.condensation import Condensed, condensed
 from fieldmap.maps.training.currents import STARTS, extreme_signals, held_out, sequence
 from fieldmap.maps.training.model_error import Errors
@@ -30,6 +30,7 @@ from fieldmap.maps.training.room import require_room
 from fieldmap.maps.training.search import ExtremesTried, allowed, search_condensed, search_worst, try_extremes
 from fieldmap.maps.training.sequence import Training, modes_at_first, most_modes_of
 from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates, Stored
+from fieldmap.progress import Forecast
 from fieldmap.records import Record
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
@@ -190,7 +191,9 @@ def _trained_and_tried(training: Training, tries: Tries) -> Reduction:
         ):
             training.go_on()
         reduction, tried["at extremes"], extremes = try_extremes(training)
-        expect_modes(training.forecast, len(reduction.sampled.weights), reduction.sampled.modes)
+        sampled = reduction.sampled
+        amounts = training.solver.unknowns, len(training.known.currents), sampled.modes, len(sampled.weights)
+        expect_choices(training.forecast, training.seconds_of_state, *amounts)
         first, random = plan.states + extremes.looked_at, held_out(training.domain, plan.held_out)
         tried["at random"] = training.solve_tried(reduction.potential, random, first, "at random", "random")
         # A round of four states may be predicted well by chance. If the error at a random state is too large, the
@@ -287,7 +290,8 @@ def _condensed_and_tried(training: Training, reduction: Reduction, tries: Tries)
         found = search_condensed(training, reduction, few, attempt)
         tried[_SEARCHED] = found.with_earlier(tried.get(_SEARCHED, Snapshots(training.solver)))
         of_trained = max(float(reduction.off(some).max(initial=0.0)) for some in tried.values())
-        forecast.at("modes", "error on solved states", 0.95)
+        whole = forecast.expected("modes")
+        forecast.at("modes", "error on solved states", whole - ERRORS * training.seconds_of_state, whole)
         output = of_modes @ few.basis
         errors = {
             name: training.trial.errors(weights(few.model, output, some.currents), charge, some)
