@@ -126,8 +126,11 @@ class LargeMapWriter:
         return len(self.chunks) - len(self.missing)
 
     def write(self, chunk: Chunk, flux_density: Array, gradient: Array) -> None:
-        """Write a part to its places, with the arguments and errors of `MapWriter.write`. It is on the disk when this
-        returns."""
+        """Write a part to its places. It is on the disk when this returns.
+
+        chunk, flux_density, gradient
+            As of `MapWriter.write`, with its errors.
+        """
         check_finite(self.target, chunk, flux_density, gradient)
         digest, total = hashlib.sha256(), np.zeros(flux_density.shape[1:])
         sizes = np.zeros((2, *flux_density.shape[1:4]))

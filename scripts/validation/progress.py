@@ -14,7 +14,7 @@ from types import SimpleNamespace
 from fieldmap import progress
 from fieldmap.maps import generate
 from fieldmap.studies import Uncertain, analyse_tolerances, generate_many, run_study
-from validation.many_maps import DEVICE, RECIPE
+from validation.many_maps import RECIPE
 from validation.row import Row
 
 FROM, LEAST_SECONDS, BOUND = 0.1, 5.0, 1.5
@@ -27,13 +27,13 @@ title = "Pole pieces"
 
 [[vary]]
 name = "turns"
-key = "coil.upper.turns"
+key = "coil.1.turns"
 values = [100, 120, 140, 160, 180, 200, 220, 240, 260, 280, 300, 320]
 
 [[vary]]
 name = "radius"
-key = "body.pole.radius_mm"
-values = [5.5, 6.0, 6.5, 7.0, 7.5, 8.0, 8.5, 9.0]
+key = "body.core.radius_mm"
+values = [13.0, 14.0, 15.0, 16.0, 17.0, 18.0, 19.0, 20.0]
 """
 RECORDS = """
 [iron]
@@ -42,7 +42,7 @@ refinement = 2.0
 
 [record]
 quantities = ["field"]
-points_mm = [[0.0, 0.0, -8.0]]
+points_mm = [[0.0, 0.0, -40.0]]
 
 [[currents]]
 name = "one"
@@ -55,13 +55,13 @@ def of_progress() -> Iterator[Row]:
     """Maps of linear and saturating iron, many maps, a study, and tolerances."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        study = POLES.format(of='device = "pole.toml"') + RECORDS
-        texts = {"pole.toml": DEVICE, "poles.toml": RECIPE, "study.toml": study}
+        study = POLES.format(of='device = "single_electromagnet"') + RECORDS
+        texts = {"poles.toml": RECIPE, "study.toml": study}
         texts["many.toml"] = POLES.format(of='recipe = "poles.toml"')
         for file, text in texts.items():
             (folder / file).write_text(text)
-        uncertain = [Uncertain("coil.upper.turns", 1.0), Uncertain("body.pole.radius_mm", 0.1)]
-        about = {"points": [[0, 0, -0.008]], "currents": 1.0, "refinement": 2.5, "samples": 60}
+        uncertain = [Uncertain("coil.1.turns", 1.0), Uncertain("body.core.radius_mm", 0.1)]
+        about = {"points": [[0, 0, -0.04]], "currents": 1.0, "refinement": 2.5, "samples": 60}
         runs: dict[str, Callable[[Say], object]] = {
             "main map": lambda say: generate("workspace", folder / "main.h5", progress=say),
             "coarse saturating map": lambda say: generate(
@@ -73,7 +73,7 @@ def of_progress() -> Iterator[Row]:
             ),
             "study": lambda say: run_study(folder / "study.toml", folder / "study.nc", progress=say),
             "tolerances": lambda say: analyse_tolerances(
-                folder / "pole.toml", uncertain, ["flux_density 1 z"], progress=say, **about
+                "single_electromagnet", uncertain, ["flux_density 1 z"], progress=say, **about
             ),
         }
         # What is compiled or loaded once is no measure.
