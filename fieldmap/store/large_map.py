@@ -126,10 +126,12 @@ class LargeMapWriter:
         return len(self.chunks) - len(self.missing)
 
     def write(self, chunk: Chunk, flux_density: Array, gradient: Array) -> None:
-        """Write a part to its places. It is on the disk when this returns.
+        """Write a part to its places. It is on the disk when this returns. The errors are those of `MapWriter.write`.
 
+        Parameters
+        ----------
         chunk, flux_density, gradient
-            As of `MapWriter.write`, with its errors.
+            As of `MapWriter.write`.
         """
         check_finite(self.target, chunk, flux_density, gradient)
         digest, total = hashlib.sha256(), np.zeros(flux_density.shape[1:])
