@@ -82,6 +82,16 @@ def test_any_number_of_columns(compressed, dense, columns):
     assert error < 1e-6
 
 
+def test_products_have_the_same_bits_for_any_number_of_threads(compressed, monkeypatch):
+    charge = np.random.default_rng(6).standard_normal((len(compressed.diagonal), 3))
+    found = []
+    for threads in "1235":
+        monkeypatch.setenv("OMP_NUM_THREADS", threads)
+        found.append(compressed @ charge)
+    for other in found[1:]:
+        np.testing.assert_array_equal(other, found[0])
+
+
 @pytest.mark.parametrize(("refinements", "bound"), [(0, 1e-3), (1, 1e-6), (2, 1e-9)])
 def test_each_refinement_of_the_inverse_gains_three_digits(compressed, refinements, bound):
     potential = np.random.default_rng(5).standard_normal((len(compressed.diagonal), 2))

@@ -215,6 +215,8 @@ _LEAF_SIZE = 64
 _SEPARATION = 0.7
 # Far blocks of higher rank are cut in four; none was met.
 _RANK_LIMIT = 64
+# Into which a product is divided, for as many threads at most.
+_PARTS = 8
 # How many numbers the scratch holds that is used while far blocks are made: 200 MB.
 _SCRATCH = 25_000_000
 # Entries in a row of the sparse inverse. Relative error of `solve` without refinement; each refinement reduces it by as
@@ -302,7 +304,8 @@ class CompressedMutualPotential(MutualPotential):
         padded = np.zeros((count, 4 * groups))
         padded[:, :columns] = charge
         x = np.ascontiguousarray(padded.reshape(count, groups, 4).swapaxes(0, 1))
-        y = np.zeros((thread_count(), *x.shape))
+        # As many sums as parts, whatever the number of threads: then the result has the same bits.
+        y = np.zeros((_PARTS, *x.shape))
         # Each of the parts reads its share of the stored numbers once for four columns.
         work = self._near_data.size * groups / len(y)
         over_rows(add_near_product, len(y), self._near, self._near_offset, self._near_data, x, y, work=work)
