@@ -168,7 +168,7 @@ def _drawn(simulation: Simulation, laid: LaidLog | None) -> list[DrawnRun]:
     from fieldmap.plot.runs import drawn_run
 
     drawn = [
-        drawn_run(batch.experiment, one.run, one.metrics.event, batch.varied)
+        drawn_run(one.run, batch.varied)
         for batch in simulation.batches
         for one in batch.runs
         if one.run is not None

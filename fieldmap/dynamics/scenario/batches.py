@@ -16,10 +16,10 @@ from fieldmap.control.function_controller import FunctionController
 from fieldmap.device import Device
 from fieldmap.dynamics.closed_loop import simulate_many
 from fieldmap.dynamics.loop_run import LevitationRun, as_csv, recorded
-from fieldmap.dynamics.scenario.experiment import Experiment, prepare
-from fieldmap.dynamics.scenario.metrics import RunMetrics, over_runs, reading_mm, run_metrics
+from fieldmap.dynamics.scenario.experiment import Experiment, ScenarioRun, prepare
+from fieldmap.dynamics.scenario.metrics import RunMetrics, over_runs, reading_mm
 from fieldmap.dynamics.scenario.references import AXES
-from fieldmap.dynamics.scenario.schema import Scenario, read_scenario
+from fieldmap.dynamics.scenario.schema import read_scenario
 from fieldmap.field import Field
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record, count_of
@@ -35,7 +35,7 @@ class BatchRun(Record):
     """One run: its metrics, and its signals if they are kept."""
 
     metrics: RunMetrics
-    run: LevitationRun | None
+    run: ScenarioRun | None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -159,10 +159,12 @@ def simulate_batches(
         def part(message: str, fraction: float, label: str = _label(varied)) -> None:
             progress(f"{label} {message}".strip(), (len(batches) + fraction) / len(scenarios))
 
-        def judged(run: LevitationRun, read: Scenario = read) -> BatchRun:
-            return BatchRun(run_metrics(read, run), run if keep_signals and runs <= MOST_KEPT else None)
-
         experiment = prepare(read, opened, device if read.contents.device is None else None, controller)
+
+        def judged(run: LevitationRun, experiment: Experiment = experiment) -> BatchRun:
+            found = experiment.judged(run)
+            return BatchRun(found.metrics, found if keep_signals and runs <= MOST_KEPT else None)
+
         experiment.warm()
         chosen = seed if seed is not None else read.settings.noise.seed or 0
         python = getattr(experiment.controller, "form", "") == "python"
