@@ -309,9 +309,9 @@ def _draw_readings(axis: Axes, runs: Sequence[DrawnRun], k: int, factor: float) 
             values = factor * log.signals[MEASURED_AXES[k]].measured
             axis.plot(log.time, values, color=_MEASURED, linewidth=0.8, label="measured")
         if run["event"] and k == 2:
-            axis.annotate(
-                run["event"], (run["time"][-1], factor * run["true"][-1, k]), fontsize=8, ha="right"
-            )
+            # Above the panel, where no line is.
+            at = (run["time"][-1], 1.02)
+            axis.annotate(run["event"], at, xycoords=("data", "axes fraction"), fontsize=8, ha="right")
     # Values that vary may be those of the start or of the reference.
     for run in {run["wanted"].tobytes(): run for run in runs}.values():
         wanted = factor * run["wanted"][:, k]
