@@ -352,7 +352,7 @@ def _lift_table(summary: MapSummary) -> RenderableType:
 def _amperes(row: LiftAtHeight) -> str:
     if row.current is not None:
         return f"{row.current:.3f}"
-    return "beyond the map" if row.beyond is None else f"> {row.beyond:.3g}"
+    return "out of range" if row.beyond is None else f"> {row.beyond:.3g}"
 
 
 def _shift_table(shift: ShiftBesideMeasured) -> RenderableType:
@@ -369,5 +369,5 @@ def _shift_table(shift: ShiftBesideMeasured) -> RenderableType:
         f"Level constant: {shift.level:.3f} A. Lift constant: the level rises{follows}, as under a controller of the "
         "height."
     )
-    beyond = " -: beyond the map." if len(held) < len(shift.signals) else ""
+    beyond = " -: out of range." if len(held) < len(shift.signals) else ""
     return Group(page.table(columns, rows), page.remark(words + beyond))

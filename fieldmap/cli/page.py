@@ -43,7 +43,7 @@ def print_page(*sections: Section) -> None:
         for index, section in enumerate(section for section in sections if section is not None):
             if index:
                 out.print()
-            out.print(section)
+            out.print(section, crop=False)
     # Tables are padded to their width; a file or a pipe should not get the blanks.
     print("\n".join(unsigned_zeros(line.rstrip()) for line in page.get().splitlines()))
 
@@ -95,6 +95,12 @@ def facts(rows: Iterable[tuple[str, str]]) -> Table:
     for name, value in rows:
         out.add_row(Text(name), Text(value))
     return out
+
+
+def command(words: str) -> RenderableType:
+    """Words for a shell, on one line however narrow the page, so that they can be pasted."""
+    # Rich joins a bare Text with others, and would wrap it.
+    return Group(Text(words, no_wrap=True, overflow="ignore"))
 
 
 def remark(words: str) -> RenderableType:

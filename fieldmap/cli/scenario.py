@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import runpy
+import shlex
 import sys
 from collections.abc import Iterator, Mapping
 from functools import partial
+from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -166,7 +168,7 @@ def _drawn(simulation: Simulation, laid: LaidLog | None) -> list[DrawnRun]:
     from fieldmap.plot.runs import drawn_run
 
     drawn = [
-        drawn_run(batch.experiment, one.run, one.metrics.event, batch.varied)
+        drawn_run(one.run, batch.varied)
         for batch in simulation.batches
         for one in batch.runs
         if one.run is not None
@@ -351,8 +353,8 @@ def tune(
 ) -> None:
     """Tune PID controllers of a scenario's axes on its linear machine, by margins.
 
-    Each axis is tuned alone. The second table has the margins of the whole machine. The lines --set run the scenario
-    with these controllers. Margins that cannot be had, as of an unstable axis that is sampled slowly, are refused with
+    Each axis is tuned alone. The second table has the margins of the whole machine. The line --set gives simulate these
+    controllers. Margins that cannot be had, as of an unstable axis that is sampled slowly, are refused with
     the nearest ones.
 
     Example: fieldmap tune hold --map square.h5 --crossover 10 --phase-margin 40
@@ -391,10 +393,12 @@ def tune(
 
 
 def _tuned_page(scenario: str, found: Tuning) -> Iterator[page.Section]:
+    from fieldmap.dynamics.scenario.tuning import pid_table
+
     yield page.heading("PID controllers by margins", scenario)
     rows = []
     for axis, tuned in found.axes.items():
-        pid, m = found.changes[f"control.{axis}"], tuned.margins
+        pid, m = pid_table(axis, tuned.pid), tuned.margins
         gains = page.cells([pid[name] for name in ("Kc", "Ti_s", "Td_s", "Tf_s")], ".4g")
         reached = page.cells((m.phase, m.crossover), ".3f")
         rows.append((axis, *gains, *reached, f"{m.gain_up:.3g}", f"{m.gain_down:.3g}", f"{m.modulus:.3f}"))
@@ -402,15 +406,13 @@ def _tuned_page(scenario: str, found: Tuning) -> Iterator[page.Section]:
     yield page.table(("axis alone", *columns), rows)
     state = "stable" if found.point.loop.stable else "UNSTABLE"
     yield page.table((f"all axes, {state}", *columns[4:]), list(_margins(found.point)))
-    yield page.facts(
-        ("--set", f"control.{axis}={_inline(found.changes[f'control.{axis}'])}") for axis in found.axes
-    )
+    settings = (shlex.quote(f"{key}={_toml(value)}") for key, value in found.keys.items())
+    yield page.command(" ".join(f"--set {setting}" for setting in settings))
     yield page.assumed(found.point.linear.assumptions)
 
 
-def _inline(table: Mapping[str, object]) -> str:
-    """An inline table of TOML, of texts and numbers."""
-    pairs = (
-        f'{key}="{value}"' if isinstance(value, str) else f"{key}={value:.6g}" for key, value in table.items()
-    )
-    return f"{{{', '.join(pairs)}}}"
+def _toml(value: object) -> str:
+    """A value of TOML on one line."""
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{key}={_toml(one)}' for key, one in value.items())}}}"
+    return f"{value:.6g}" if isinstance(value, float) else dumps(value)

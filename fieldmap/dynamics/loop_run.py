@@ -179,8 +179,12 @@ class LevitationRun(PartsOfState, LoopRun):
     @property
     def tilt(self) -> Array:
         """Angle (r,) of the body's axis against the vertical, rad."""
-        x, y = self.quaternion[:, 1], self.quaternion[:, 2]
-        return 2.0 * np.arcsin(np.clip(np.hypot(x, y), 0.0, 1.0))
+        return tilt_of(self.quaternion)
+
+
+def tilt_of(quaternion: Array) -> Array:
+    """Angle (...,) of the axis of a body against the vertical, rad, of its quaternions (..., 4), w first."""
+    return np.asarray(2.0 * np.arcsin(np.clip(np.hypot(quaternion[..., 1], quaternion[..., 2]), 0.0, 1.0)))
 
 
 def event_of(number: int, time: float, state: Array, currents: Array) -> Event | None:

@@ -104,12 +104,12 @@ _ARROWS = tuple(INK if colour == "#000000" else colour for colour in COLOURS)
 _STRETCHES = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
 
 
-def reachable_titles(found: ReachableSet | SearchedSet) -> tuple[str, str, str]:
-    """Of the three axes of the scene."""
+def reachable_axes(found: ReachableSet | SearchedSet) -> tuple[tuple[str, str, str], tuple[float, ...]]:
+    """Titles of the three axes of the scene, and how many times as long as it is each is drawn."""
     prefix, factor = _unit(found)
-    times = ["" if one < 1.5 else f"{one:.0f} " for one in factor / factor.min()]
     name, unit = "F" if found.quantity == "force" else "B", f"{prefix}{found.unit}"
-    return f"{times[0]}{name}x, {unit}", f"{times[1]}{name}y, {unit}", f"{times[2]}{name}z, {unit}"
+    stretch = tuple(round(float(one)) for one in factor / factor.min())
+    return (f"{name}x, {unit}", f"{name}y, {unit}", f"{name}z, {unit}"), stretch
 
 
 def add_reachable(scene: pv.Plotter, shown: Shown, _: str) -> None:
@@ -136,7 +136,7 @@ def add_reachable(scene: pv.Plotter, shown: Shown, _: str) -> None:
 
 def _unit(found: ReachableSet | SearchedSet) -> tuple[str, Array]:
     """Prefix, and the factors (3,) from the plain unit: thin sets are drawn wider, by round numbers, which the titles
-    of the axes tell."""
+    of the axes state."""
     prefix, factor = fitting_prefix(float(np.abs(found.vertices).max()))
     extents = np.ptp(found.vertices, axis=0)
     room = extents.max() / np.maximum(extents, 1e-3 * extents.max())

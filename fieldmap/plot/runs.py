@@ -12,8 +12,7 @@ from matplotlib.lines import Line2D
 
 from fieldmap.arguments import check
 from fieldmap.curves import percent
-from fieldmap.dynamics.loop_run import LevitationRun
-from fieldmap.dynamics.scenario import Experiment, LaidLog, reading_mm
+from fieldmap.dynamics.scenario import LaidLog, ScenarioRun, reading_mm
 from fieldmap.dynamics.scenario.measured_log import AXES as MEASURED_AXES
 from fieldmap.inputs.tables import is_number
 from fieldmap.plot.style import COLOURS, INK, add_heading, grouped, new_figure, save_figure
@@ -59,11 +58,9 @@ class DrawnRun(TypedDict):
     varied: NotRequired[Mapping[str, object]]
 
 
-def drawn_run(
-    experiment: Experiment, run: LevitationRun, event: str, varied: Mapping[str, object] | None = None
-) -> DrawnRun:
-    """What is drawn of a run of an experiment."""
-    about: Any = {"coil_names": experiment.device.coil_names, "event": event, "varied": varied or {}}
+def drawn_run(run: ScenarioRun, varied: Mapping[str, object] | None = None) -> DrawnRun:
+    """What is drawn of a run of a scenario; varied: the values of the varied keys."""
+    about: Any = {"coil_names": run.coil_names, "event": run.metrics.event, "varied": varied or {}}
     if not len(run.time):
         # A run that ended at once is drawn as one sample.
         names, nothing = ("wanted", "true", "seen"), np.zeros((1, 3))
@@ -73,7 +70,7 @@ def drawn_run(
             | about
         )
     readings = {"wanted": run.references, "true": run.sensed, "seen": run.seen}
-    shown = {name: reading_mm(experiment.scenario, places) for name, places in readings.items()}
+    shown = {name: reading_mm(run.scenario, places) for name, places in readings.items()}
     return shown | {"time": run.time, "currents": run.currents} | about
 
 
@@ -151,7 +148,7 @@ def _recorded_run(file: Path, record: RunRecord, name: str) -> DrawnRun:
     return shown | about
 
 
-def run_figure(title: str, runs: Sequence[DrawnRun]) -> Figure:
+def run_figure(title: str, runs: Sequence[DrawnRun | ScenarioRun]) -> Figure:
     """References, true and seen positions of each axis, and the currents, over time.
 
     Above stands what the data say (`run_message`), then the title. Readings below half a millimetre are in micrometres.
@@ -161,31 +158,32 @@ def run_figure(title: str, runs: Sequence[DrawnRun]) -> Figure:
     title
         Of the figure.
     runs
-        One, or several, of which true positions are drawn only, one line each; those with the same values of
-        varied keys in one colour, which a legend names. Then currents have the colour of their run, too, and a kind of
-        line for each coil.
+        Of `simulate`, or as `read_drawn_runs` gives them: one, or several, of which true positions are drawn only, one
+        line each; those with the same values of varied keys in one colour, which a legend names. Then currents have
+        the colour of their run, too, and a kind of line for each coil.
 
     Returns
     -------
     Figure
         The figure.
     """
+    drawn = [drawn_run(run) if isinstance(run, ScenarioRun) else run for run in runs]
     with new_figure((8.0, 7.6)) as figure:
         *places, lowest = figure.subplots(4, 1, sharex=True)
         for k, axis in enumerate(places):
-            factor, unit = _scale(runs, k)
-            _draw_readings(axis, runs, k, factor)
+            factor, unit = _scale(drawn, k)
+            _draw_readings(axis, drawn, k, factor)
             axis.set_ylabel(f"{_NAMES[k]}, {unit}")
         places[2].invert_yaxis()
-        if len(runs) == 1:
+        if len(drawn) == 1:
             # Above the axes: inside there is a curve everywhere.
             places[0].legend(**_ABOVE)
-        _draw_currents(lowest, runs)
+        _draw_currents(lowest, drawn)
         lowest.set(xlabel="time, s", ylabel="currents, A")
         if lowest.get_legend_handles_labels()[1]:
             lowest.legend(**_ABOVE)
-        _add_values(figure, runs)
-        add_heading(places[0], run_message(runs), title)
+        _add_values(figure, drawn)
+        add_heading(places[0], run_message(drawn), title)
     return figure
 
 
@@ -311,9 +309,9 @@ def _draw_readings(axis: Axes, runs: Sequence[DrawnRun], k: int, factor: float) 
             values = factor * log.signals[MEASURED_AXES[k]].measured
             axis.plot(log.time, values, color=_MEASURED, linewidth=0.8, label="measured")
         if run["event"] and k == 2:
-            axis.annotate(
-                run["event"], (run["time"][-1], factor * run["true"][-1, k]), fontsize=8, ha="right"
-            )
+            # Above the panel, where no line is.
+            at = (run["time"][-1], 1.02)
+            axis.annotate(run["event"], at, xycoords=("data", "axes fraction"), fontsize=8, ha="right")
     # Values that vary may be those of the start or of the reference.
     for run in {run["wanted"].tobytes(): run for run in runs}.values():
         wanted = factor * run["wanted"][:, k]
@@ -361,7 +359,7 @@ def _alike(currents: Array) -> list[list[int]]:
     )
 
 
-def save_run_figure(path: PathLike, title: str, runs: Sequence[DrawnRun]) -> Path:
+def save_run_figure(path: PathLike, title: str, runs: Sequence[DrawnRun | ScenarioRun]) -> Path:
     """Draw `run_figure` and save it.
 
     Parameters
@@ -371,7 +369,7 @@ def save_run_figure(path: PathLike, title: str, runs: Sequence[DrawnRun]) -> Pat
     title
         Of the figure.
     runs
-        What was simulated or measured.
+        Of `simulate`, or as `read_drawn_runs` gives them.
 
     Returns
     -------

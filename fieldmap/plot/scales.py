@@ -1,5 +1,6 @@
 """Scales of scenes: colour bars with round limits, and axes along three edges of the box with upright labels."""
 
+from collections.abc import Sequence
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -59,6 +60,7 @@ def colour_bar_by_decades(title: str, values: ArrayLike) -> dict[str, Any]:
 
 Aligned = Literal["left", "center", "right"]
 MILLIMETRES = ("x, mm", "y, mm", "z, mm")
+AS_THEY_ARE = (1.0, 1.0, 1.0)
 
 
 def add_rulers(
@@ -66,11 +68,13 @@ def add_rulers(
     font_size: int = 18,
     titles: tuple[str, str, str] = MILLIMETRES,
     spread: float = 1.0,
+    stretch: Sequence[float] = AS_THEY_ARE,
 ) -> None:
     """Rule the scene: x along the lower front edge, y along the lower right one, z along the left front one.
 
-    titles: of the three axes. spread: how far off the labels stand, above 1 for small windows. Front is the side of
-    smallest y. Call it last: the box is that of all drawn so far.
+    titles: of the three axes. spread: how far off the labels stand, above 1 for small windows. stretch: how many times
+    as long as it is each axis is drawn. Front is the side of smallest y. Call it last: the box is that of all drawn so
+    far.
     """
     low, high = extent(scene).T
     size = float((high - low).max())
@@ -80,7 +84,8 @@ def add_rulers(
     front = np.array([high[0], low[1], low[2]])
     edges = (low, down), (front, 0.6 * right + 0.6 * down), (low, left)
     for axis, (corner, outward) in enumerate(edges):
-        _add_ruler(scene, titles[axis], axis, corner, high[axis], size * outward, font_size, spread)
+        look = font_size, spread, stretch[axis]
+        _add_ruler(scene, titles[axis], axis, corner, high[axis], size * outward, *look)
 
 
 # How the words of each axis lie at their places: those of y begin there, those of z end there, off the lines.
@@ -97,6 +102,7 @@ def _add_ruler(
     outward: Array,
     font_size: int,
     spread: float,
+    stretch: float,
 ) -> None:
     def at(value: float, distance: float) -> Array:
         point = corner + distance * outward
@@ -105,18 +111,20 @@ def _add_ruler(
 
     # Short sides get finer steps, or they would carry one label.
     size = float(np.linalg.norm(outward))
-    step = label_step(max(end - corner[axis], size / 2))
-    values = round_numbers(corner[axis], end, step)
+    step = label_step(max(end - corner[axis], size / 2) / stretch)
+    values = round_numbers(corner[axis] / stretch, end / stretch, step)
     lines = [at(corner[axis], 0.0), at(end, 0.0)]
     for value in values:
-        lines += [at(value, 0.0), at(value, 0.012)]
+        lines += [at(stretch * value, 0.0), at(stretch * value, 0.012)]
     scene.add_lines(np.array(lines), color=INK, width=2)
     words = [fixed(value, decimals_of(step)) for value in values]
-    add_labels(scene, [at(value, _OFF[axis] * spread) for value in values], words, font_size, _ALIGNED[axis])
+    places = [at(stretch * value, _OFF[axis] * spread) for value in values]
+    add_labels(scene, places, words, font_size, _ALIGNED[axis])
     # Along x the title would meet the labels of y, and along y those of y itself: beside the middle.
     middle = 0.5 * (corner[axis] + end)
-    places = (at(middle, 0.085 * spread), at(middle, 0.15 * spread), at(end + 0.06 * spread * size, 0.0))
-    add_labels(scene, [places[axis]], [title], font_size)
+    beside = (at(middle, 0.085 * spread), at(middle, 0.15 * spread), at(end + 0.06 * spread * size, 0.0))
+    title += f"\nstretched {stretch:g} times" if stretch != 1.0 else ""
+    add_labels(scene, [beside[axis]], [title], font_size)
 
 
 def add_words(

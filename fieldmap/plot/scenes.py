@@ -5,10 +5,10 @@ import io
 import json
 import re
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pyvista as pv
@@ -20,7 +20,7 @@ from fieldmap.plot.animation import add_path
 from fieldmap.plot.device_drawing import device_scene
 from fieldmap.plot.picture import FROM_ABOVE, look_at
 from fieldmap.plot.rendering import new_scene
-from fieldmap.plot.scales import MILLIMETRES, add_rulers, add_words
+from fieldmap.plot.scales import AS_THEY_ARE, MILLIMETRES, add_rulers, add_words
 from fieldmap.plot.shown import Shown
 from fieldmap.plot.solids import box_edges, extent
 from fieldmap.plot.style import INK, save_screenshot
@@ -32,6 +32,8 @@ from fieldmap.typing import PathLike
 WINDOW = (1500, 1200)
 FORMATS = (".png", ".html", ".vtm")
 MOVIES = (".gif", ".mp4")
+Axes: TypeAlias = tuple[tuple[str, str, str], Sequence[float]]
+"""Titles of three axes, and how many times as long as it is each is drawn."""
 
 
 def _device(scene: pv.Plotter, shown: Shown, _: str) -> None:
@@ -122,7 +124,8 @@ def make_scene(
     asked.draw(scene, shown, chosen)
     if asked.boxed and shown.lower is not None and shown.upper is not None:
         scene.add_mesh(box_edges(shown.box), color=INK, line_width=2.5, lighting=False)
-    add_rulers(scene, titles=axes_of(what, chosen, shown))
+    titles, stretch = axes_of(what, chosen, shown)
+    add_rulers(scene, titles=titles, stretch=stretch)
     if what == "shift":
         look_at(scene, extent(scene), margin=0.4, view=FROM_ABOVE)
     else:
@@ -155,15 +158,15 @@ def check_scene(what: str, quantity: str = "") -> str:
     return check_choice("quantity", quantity or known[0], known)
 
 
-def axes_of(what: str, quantity: str, shown: Shown) -> tuple[str, str, str]:
-    """Titles of a scene's axes; those of "reachable" depend on what is shown."""
+def axes_of(what: str, quantity: str, shown: Shown) -> Axes:
+    """Of a scene; those of "reachable" depend on what is shown."""
     if what == "reachable" and shown.reachable is not None:
-        return forces.reachable_titles(shown.reachable)
-    return forces.shift_titles(quantity or "x") if what == "shift" else MILLIMETRES
+        return forces.reachable_axes(shown.reachable)
+    return (forces.shift_titles(quantity or "x") if what == "shift" else MILLIMETRES), AS_THEY_ARE
 
 
 def save_scene(
-    scene: pv.Plotter, path: PathLike, title: str = "", axes: tuple[str, str, str] = MILLIMETRES
+    scene: pv.Plotter, path: PathLike, title: str = "", axes: Axes = (MILLIMETRES, AS_THEY_ARE)
 ) -> Path:
     """Save a scene.
 
@@ -176,7 +179,7 @@ def save_scene(
     title
         Title of the page (.html).
     axes
-        Titles of the axes of the page, from `axes_of`.
+        Of the page (.html), from `axes_of`.
 
     Returns
     -------
@@ -215,18 +218,19 @@ _HOW = "drag: turn; wheel: zoom; shift and drag: move"
 
 
 def save_web_page(
-    scene: pv.Plotter, path: PathLike, title: str = "", axes: tuple[str, str, str] = MILLIMETRES
+    scene: pv.Plotter, path: PathLike, title: str = "", axes: Axes = (MILLIMETRES, AS_THEY_ARE)
 ) -> Path:
     """Write the scene to an HTML file of some MB, with a line of text and titles of its axes.
 
-    The viewer cannot show the labels of the rulers, so the viewer's own axes are added. Raises FieldmapError if
-    trame-vtk is not installed.
+    The viewer cannot show the labels of the rulers, so the viewer's own axes are added. Their numbers are those drawn:
+    of a stretched axis, multiples. Raises FieldmapError if trame-vtk is not installed.
     """
     require("trame_vtk", "web", "fieldmap.plot.save_web_page", "save a .png")
     from trame_vtk.modules.vtk import serializers
     from trame_vtk.tools.vtksz2html import write_html
 
-    scene.renderer.show_bounds(xtitle=axes[0], ytitle=axes[1], ztitle=axes[2], color=INK, font_size=10)
+    x, y, z = (words if times == 1.0 else f"{times:g} {words}" for words, times in zip(*axes, strict=True))
+    scene.renderer.show_bounds(xtitle=x, ytitle=y, ztitle=z, color=INK, font_size=10)
     # The viewer has no parallel projection.
     scene.camera.parallel_projection = False
     scene.renderer.reset_camera()

@@ -2,13 +2,13 @@
 
 import csv
 import json
-import re
+import shlex
 import sys
-import tomllib
 
 import numpy as np
 import pytest
 
+from fieldmap.cli.arguments import parse_settings
 from fieldmap.dynamics import simulate
 from fieldmap.store import read_runs
 
@@ -282,21 +282,37 @@ def test_a_machine_that_cannot_carry_its_payload_anywhere_says_so(command):
     assert (code, "3.55 A" in told, "lighter payload" in told) == (1, True, True)
 
 
+def pasted(text):
+    """The words of the one line of a page that begins with --set, as a shell takes them."""
+    (line,) = (line for line in text.splitlines() if line.startswith("--set "))
+    return shlex.split(line)
+
+
 def test_tune_prints_controllers_that_simulate_takes(written, command, answer):
-    """The line --set of the page is a controller of the scenario; margins that cannot be had end with exit code 1."""
+    """A shell takes the line --set of the page, whole; margins that cannot be had end with exit code 1."""
     path = written()
     code, text, _ = command("tune --axis z --crossover 8 --phase-margin 40", path)
     assert code == 0
     found = answer("tune --axis z --crossover 8 --phase-margin 40", path)
     assert found["margins_alone"]["z"]["phase"] >= 40.0
     assert found["loop"]["margins"][0]["crossover"] == pytest.approx(8.0, rel=1e-3)
-    assert list(found["keys"]) == ["control.z"]
-    (setting,) = re.findall(r"--set +(control\.z=\{[^}]*\})", " ".join(text.split()))
-    told = tomllib.loads(setting.replace("control.z=", "z = "))["z"]
-    for name, value in found["keys"]["control.z"].items():
-        assert told[name] == (value if isinstance(value, str) else pytest.approx(value, rel=1e-5))
-    run = answer("simulate", path, "--set", setting)["batches"][0]["runs"][0]
+    assert set(found["keys"]) == {f"control.z.{name}" for name in ("Kc", "Ti_s", "Td_s", "Tf_s", "c")}
+    words = pasted(text)
+    assert words[::2] == ["--set"] * 5
+    assert parse_settings(words[1::2]) == pytest.approx(found["keys"], rel=1e-5)
+    run = answer("simulate", path, *words)["batches"][0]["runs"][0]
     assert run["event"] == ""
     told = answer("tune --axis z --crossover 1 --phase-margin 40", path, ends=1)
     assert told["problems"][0]["where"].endswith("control.z")
     assert command("tune --axis depth", path)[0] == 2
+
+
+def test_tune_replaces_a_coupled_controller_by_one_table(six_coils, command, answer):
+    settings = {"device": "drive_unit", "start.depth_mm": 87, "body.turning": "upright"}
+    machine = ["hold", "--map", six_coils, *(f"--set={key}={value}" for key, value in settings.items())]
+    divided = [f"--set=control.allocation{of}" for of in ("=lift_and_directions", "_n=1.25")]
+    words = pasted(command("tune --crossover 8 --phase-margin 40", *machine, *divided)[1])
+    (control,) = parse_settings(words[1::2]).values()
+    assert control["allocation_n"] == 1.25
+    assert {axis: control[axis]["kind"] for axis in "zxy"} == dict.fromkeys("zxy", "pid")
+    assert answer("simulate", *machine, *words)["batches"][0]["runs"][0]["event"] == ""

@@ -9,6 +9,7 @@ import pytest
 from fieldmap.control import StepMetrics
 from fieldmap.dynamics import run_metrics
 from fieldmap.dynamics.loop_run import EVENTS, Event, IronUse, LevitationRun, as_csv, event_of, recorded
+from fieldmap.dynamics.motion import state_of
 from fieldmap.dynamics.scenario.batches import Batch, BatchRun, batch_words
 from fieldmap.dynamics.scenario.measured_log import LaidLog, LaidSignal, lay_over
 from fieldmap.dynamics.scenario.metrics import AxisMetrics, RunMetrics, _step
@@ -186,9 +187,15 @@ def test_words_about_an_axis_and_its_step():
     assert str(metrics_of(RESTLESS)).splitlines()[2].endswith("; step overshoots by 20.0 %, does not settle")
 
 
-def batch(*runs, seconds=0.5, residual=1e-9):
+def batch(*runs, seconds=0.5, residual=1e-9, lean=0.0):
+    half, about = np.radians(lean) / 2, np.radians(35.0)
+    turn = [np.cos(half), np.sin(half) * np.cos(about), np.sin(half) * np.sin(about), 0.0]
+    place = np.array([1e-3, -2e-3, -0.09])
     point = SimpleNamespace(
-        residual=residual, sensed=np.array([1e-3, -2e-3, -0.09]), currents=np.array([1.23456, 2.0])
+        residual=residual,
+        sensed=place,
+        currents=np.array([1.23456, 2.0]),
+        state=state_of(place, quaternion=turn),
     )
     experiment = SimpleNamespace(scenario=SCENARIO, operating_point=point)
     return Batch({"start.depth_mm": 3}, experiment, tuple(BatchRun(one, None) for one in runs), seconds)
@@ -221,6 +228,12 @@ def test_words_about_what_is_left_what_settles_and_what_did_not_converge():
     assert "settling" not in words
     assert words["iron"].startswith("WARNING: at 2 steps")
     assert "left" not in dict(batch_words(batch(one, residual=1e-6)))["at rest"]
+    for lean, told in (
+        (0.99, "mm; "),
+        (1.01, "mm, leaning 1.0 degrees; "),
+        (170.2, "mm, leaning 170.2 degrees; "),
+    ):
+        assert told in dict(batch_words(batch(one, lean=lean)))["at rest"]
     # The root mean square over the runs that do not settle, of all that came to their end.
     other = replace(RESTLESS, steady_rms=0.4)
     each = dict(batch_words(batch(metrics_of(RESTLESS), metrics_of(other), metrics_of(STEP))))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fieldmap.dynamics import simulate, tune_axes
-from fieldmap.dynamics.scenario.tuning import _keys
+from fieldmap.dynamics.scenario.tuning import pid_table
 from fieldmap.errors import Infeasible, InputError
 from tests.refusals import refused
 
@@ -33,24 +33,31 @@ def test_margins_of_one_axis_are_those_of_the_machine(written, sensors):
         assert tuned.margins.crossover == pytest.approx(8.0, rel=1e-4)
 
 
-def test_the_keys_are_the_controllers(written):
-    """The depth grows downward and acts on minus the error in scenarios; limits of the file stay."""
-    found = tune_axes(written(), ("z", "y"), {"control.y": {"kind": "constant"}}, **ASKED)
-    assert set(found.changes) == {"control.z", "control.y"}
-    (z, y), ours = (found.changes[f"control.{axis}"] for axis in "zy"), found.axes
-    assert (z.pop("lower"), z.pop("upper")) == (0.0, 10.0)
-    assert [ours[axis].pid.acts_on_minus_error for axis in "zy"] == [True, False]
-    for keys, axis in ((z, "z"), (y, "y")):
-        pid = ours[axis].pid
-        assert keys == {
-            "kind": "pid", "Kc": pid.Kc, "Ti_s": pid.Ti, "Td_s": pid.Td, "Tf_s": pid.Tf, "c": 0.0,
-            "integration": "trapezoidal",
-        }  # fmt: skip
-        assert pid.Ts == 2e-3
-    assert found.to_dict()["keys"]["control.y"] == y
+def test_the_keys_are_what_changes_the_controllers(written):
+    """The depth grows downward and acts on minus the error in scenarios; limits of the file stay, and of a PID all but
+    what is tuned."""
+    regulator = {
+        "kind": "regulator",
+        "A": [[0.0, 1.0], [1.0, 0.0]],
+        "B": [0.0, 1.0],
+        "C": [1.0, 0.0],
+        "Q": [1, 1, 1],
+    }
+    regulator |= {"R": 1.0, "process_noise": 1.0, "measurement_noise": 1.0, "lower": -0.5, "upper": 0.7}
+    stated = {"control.y": regulator, "control.z.b": 0.3, "control.z.integration": "rectangular"}
+    found = tune_axes(written(), ("z", "y"), stated, **ASKED)
+    assert [found.axes[axis].pid.acts_on_minus_error for axis in "zy"] == [True, False]
+    (z, y) = ({"Kc": pid.Kc, "Ti_s": pid.Ti, "Td_s": pid.Td, "Tf_s": pid.Tf, "c": 0.0, "integration": "trapezoidal"}
+              for pid in (found.axes[axis].pid for axis in "zy"))  # fmt: skip
+    assert found.keys == {f"control.z.{name}": value for name, value in z.items()} | {
+        "control.y": {"kind": "pid", **y, "lower": -0.5, "upper": 0.7}
+    }
+    assert found.changes == stated | found.keys
+    assert found.to_dict()["keys"] == found.keys
+    assert {tuned.pid.Ts for tuned in found.axes.values()} == {2e-3}
     for axis, gain in (("z", -3.0), ("x", 3.0), ("y", 3.0)):
-        other = replace(ours["z"], pid=replace(ours["z"].pid, Kc=3.0, acts_on_minus_error=False))
-        assert _keys(axis, other)["Kc"] == gain
+        other = replace(found.axes["z"].pid, Kc=3.0, acts_on_minus_error=False)
+        assert pid_table(axis, other)["Kc"] == gain
 
 
 def test_the_machine_swings_beyond_its_margin_and_not_before(written):
@@ -61,8 +68,8 @@ def test_the_machine_swings_beyond_its_margin_and_not_before(written):
     assert 1.5 < up < 30.0
     ends = {}
     for share in (0.9, 1.1):
-        keys = found.changes["control.z"] | {"Kc": share * up * found.axes["z"].pid.Kc}
-        run = simulate(path, QUIET | {"control.z": keys, "duration_s": 1.5})
+        louder = {"control.z.Kc": share * up * found.axes["z"].pid.Kc}
+        run = simulate(path, QUIET | found.changes | louder | {"duration_s": 1.5})
         errors = np.abs(run.error[:, 2])
         ends[share] = errors[-100:].max() / errors[100:200].max()
     assert ends[0.9] < 1e-3
@@ -73,7 +80,8 @@ def test_a_coupled_controller_gives_way(written, six_coils):
     changes = {"map": str(six_coils), "device": "drive_unit", "control.allocation": "lift_and_directions"}
     changes |= {"control.allocation_n": 1.25, "start.depth_mm": 87.0, "body.turning": "upright"}
     found = tune_axes("hold", changes=changes, **ASKED)
-    assert found.changes["control.coupled"] is None
+    assert list(found.keys) == ["control"]
+    assert "coupled" not in found.keys["control"]
     assert found.point.loop.stable
     run = simulate("hold", found.changes)
     assert run.event is None

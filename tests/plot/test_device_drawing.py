@@ -294,6 +294,22 @@ def test_more_than_a_tenth_of_the_workspace_behind_a_body_lets_it_be_seen(count,
     scene.close()
 
 
+def test_the_numbers_of_a_stretched_ruler_are_those_of_what_is_drawn():
+    """A box of 2 by 3 by 12, drawn 50, 20 and one times as long."""
+    scene, stretch = pv.Plotter(off_screen=True), np.array([50.0, 20.0, 1.0])
+    scene.add_mesh(pv.Box((0.0, 100.0, 10.0, 70.0, -12.0, 0.0)))
+    add_rulers(scene, titles=("a", "b", "c"), stretch=stretch)
+    labels, (_, *rulers) = labels_of(scene), [data_of(one) for one in solids_of(scene)]
+    scene.close()
+    for axis, (ruler, title) in enumerate(
+        zip(rulers, ("a\nstretched 50 times", "b\nstretched 20 times", "c"), strict=True)
+    ):
+        marks = np.asarray(ruler.points, float).reshape(-1, 2, 3)[1:, 0, axis]
+        *numbers, last = [labels.pop(0).words for _ in range(len(marks) + 1)]
+        assert (len(numbers) >= 2, last) == (True, title)
+        np.testing.assert_allclose(marks, stretch[axis] * np.array(numbers, float), atol=1e-4)
+
+
 @pytest.mark.parametrize(
     ("options", "titles", "size", "spread"),
     [

@@ -8,6 +8,7 @@ import pytest
 from matplotlib.colors import to_hex
 
 from fieldmap.cli import main
+from fieldmap.dynamics import simulate
 from fieldmap.errors import InputError
 from fieldmap.plot.runs import drawn_run, read_drawn_runs, run_figure, run_message
 from fieldmap.plot.style import COLOURS, INK
@@ -94,7 +95,7 @@ def measured(**signals):
 
 
 def test_every_line_of_one_run_has_the_numbers_of_its_signal():
-    """x in millimetres, y and depth in micrometres, a log upon both, and the event at the end of the depth."""
+    """x in millimetres, y and depth in micrometres, a log upon both, and the event above the end of the depth."""
     wanted, true, seen = (
         readings(3.0, 0.1, 0.2),
         readings(2.0 + TIMES, 0.1 * TIMES, 0.3 * TIMES),
@@ -120,7 +121,7 @@ def test_every_line_of_one_run_has_the_numbers_of_its_signal():
     assert [axes.yaxis_inverted() for axes in places] == [False, False, True]
     assert [len(axes.texts) for axes in places] == [1, 0, 1]
     (event,) = places[2].texts
-    assert (event.get_text(), event.xy, event.get_ha()) == ("fell", (1.0, pytest.approx(300.0)), "right")
+    assert (event.get_text(), event.xy[0], event.get_ha()) == ("fell", 1.0, "right")
     assert (lowest.get_xlabel(), lowest.get_ylabel()) == ("time, s", "currents, A")
     coils = shown_of(figure, 3)
     assert [label for label, *_ in coils[:4]] == [f"coil {name}" for name in "abcd"]
@@ -134,6 +135,7 @@ def test_every_line_of_one_run_has_the_numbers_of_its_signal():
     # Above the axes, on the right, stand the legends of the first and of the last.
     assert [axes.get_legend() is None for axes in figure.axes] == [False, True, True, False]
     figure.draw_without_rendering()
+    assert places[2].bbox.y1 < event.get_window_extent().y0 < places[2].bbox.y1 + 10.0
     for axes in (places[0], lowest):
         box = axes.get_legend().get_window_extent()
         assert box.y0 >= axes.bbox.y1 - 1.0
@@ -239,17 +241,17 @@ def test_what_several_runs_show_in_words():
 def test_what_is_drawn_of_a_run():
     """Sensed points in m as readings; what ended at once is one sample of zero."""
     places = [1e-3 * np.array([[k, 2.0 * k, -80.0 - k]]) for k in (1.0, 2.0, 3.0)]
-    experiment = SimpleNamespace(
-        scenario=SimpleNamespace(zero_depth_mm=77.0), device=SimpleNamespace(coil_names=("a", "b"))
-    )
+    of = {"scenario": SimpleNamespace(zero_depth_mm=77.0), "coil_names": ("a", "b")}
     about = {"time": np.array([0.5]), "currents": np.array([[1.0, 2.0]]), "coils": 2}
-    run = SimpleNamespace(references=places[0], sensed=places[1], seen=places[2], **about)
-    found = drawn_run(experiment, run, "fell", {"k": 3})
+    run = SimpleNamespace(references=places[0], sensed=places[1], seen=places[2], **about, **of)
+    run.metrics = SimpleNamespace(event="fell")
+    found = drawn_run(run, {"k": 3})
     for name, k in (("wanted", 1.0), ("true", 2.0), ("seen", 3.0)):
         np.testing.assert_allclose(found[name], [[k, 2.0 * k, 3.0 + k]])
     assert (found["time"].tolist(), found["currents"].tolist()) == ([0.5], [[1.0, 2.0]])
     assert (found["coil_names"], found["event"], found["varied"]) == (("a", "b"), "fell", {"k": 3})
-    ended = drawn_run(experiment, SimpleNamespace(time=np.empty(0), coils=2), "at once")
+    at_once = {"time": np.empty(0), "coils": 2, "metrics": SimpleNamespace(event="at once")}
+    ended = drawn_run(SimpleNamespace(**of, **at_once))
     assert (ended["time"].tolist(), ended["currents"].tolist(), ended["varied"]) == ([0.0], [[0.0, 0.0]], {})
     assert {ended[name].tolist() == [[0.0, 0.0, 0.0]] for name in ("wanted", "true", "seen")} == {True}
     assert run_message([ended]) == "Ended after 0 s: at once"
@@ -348,6 +350,17 @@ def test_a_file_without_what_is_drawn_is_refused(tmp_path, missing):
     write_runs(path, [] if missing == "runs" else [RunRecord(arrays, about)], {"title": ""})
     with refused(InputError, where=str(path)):
         read_drawn_runs([path])
+
+
+def test_a_run_is_drawn_as_its_file_is(written, tmp_path):
+    path, file = written(), tmp_path / "run.h5"
+    assert main(["simulate", str(path), "--seed", "3", "-o", str(file)]) == 0
+    figures = [run_figure("", runs) for runs in ([simulate(path, seed=3)], read_drawn_runs([file])[1])]
+    of_run, of_file = ([line for axis in figure.axes for line in axis.get_lines()] for figure in figures)
+    assert len(of_run) >= 10
+    for one, other in zip(of_run, of_file, strict=True):
+        assert one.get_label() == other.get_label()
+        np.testing.assert_allclose(one.get_xydata(), other.get_xydata(), atol=1e-12)
 
 
 def test_show_draws_several_runs(tmp_path, capsys):

@@ -23,7 +23,7 @@ from fieldmap.levitation.balance import upright_force
 from fieldmap.plot.animation import TIME
 from fieldmap.plot.device_drawing import COPPER, FLUX, IRON, MAGNET
 from fieldmap.plot.field_scenes import IRON_FLUX, field_lines, iron_elements, sampled
-from fieldmap.plot.forces import LEVEL, places_in_box, reachable_titles, shift_surface
+from fieldmap.plot.forces import LEVEL, places_in_box, reachable_axes, shift_surface
 from fieldmap.plot.gather import shown_mesh
 from fieldmap.plot.places import box_grid
 from fieldmap.plot.scales import MILLIMETRES, colour_bar, colour_bar_by_decades
@@ -179,7 +179,7 @@ def test_every_scene_has_its_words_and_fills_the_picture(drawn, what):
         assert boxed == []
     axes = {
         "shift": ("x signal, %", "y signal, %", "x, mm"),
-        "reachable": ("20 Fx, mN", "20 Fy, mN", "Fz, mN"),
+        "reachable": ("Fx, mN\nstretched 20 times", "Fy, mN\nstretched 20 times", "Fz, mN"),
     }
     told = [one.words for one in labels_of(scene)]
     assert [one for one in told if "," in one] == list(axes.get(what, MILLIMETRES))
@@ -433,31 +433,16 @@ def test_what_coils_reach_is_a_solid_with_arrows_of_each(drawn, crooked):
 
 
 @pytest.mark.parametrize(
-    ("share", "words"),
-    [
-        (1.0, ""),
-        (0.51, ""),
-        (0.499, "2 "),
-        (0.21, "2 "),
-        (0.199, "5 "),
-        (0.099, "10 "),
-        (0.0499, "20 "),
-        (0.0199, "50 "),
-    ]
-    + [
-        (0.0099, "100 "),
-        (0.00499, "200 "),
-        (0.00199, "500 "),
-        (0.00101, "500 "),
-        (0.0, "500 "),
-    ],
+    ("share", "times"),
+    [(1.0, 1), (0.51, 1), (0.499, 2), (0.21, 2), (0.199, 5), (0.099, 10), (0.0499, 20), (0.0199, 50)]
+    + [(0.0099, 100), (0.00499, 200), (0.00199, 500), (0.00101, 500), (0.0, 500)],
 )
-def test_thin_sets_are_drawn_wider_by_round_numbers(share, words):
+def test_thin_sets_are_drawn_wider_by_round_numbers(share, times):
     """The extent along y is a share of that along x, 0.04 N; along z it is as long."""
     found = SimpleNamespace(
         vertices=np.array([[0.0, 0.0, 0.0], [0.04, 0.04 * share, 0.04]]), quantity="field", unit="T"
     )
-    assert reachable_titles(found) == ("Bx, mT", f"{words}By, mT", "Bz, mT")
+    assert reachable_axes(found) == (("Bx, mT", "By, mT", "Bz, mT"), (1, times, 1))
 
 
 @needs_opengl
@@ -483,7 +468,7 @@ def test_a_thin_set_is_drawn_wider_and_says_so(crooked):
     solid = scene.actors[next(iter(scene.actors))].mapper.dataset
     scene.close()
     found = crooked.reachable
-    assert axes_of("reachable", "force", crooked) == ("20 Fx, mN", "20 Fy, mN", "Fz, mN")
+    assert axes_of("reachable", "force", crooked) == (("Fx, mN", "Fy, mN", "Fz, mN"), (20, 20, 1))
     drawn = np.array(solid.bounds).reshape(3, 2)
     corners = 1e3 * np.array([20.0, 20.0, 1.0]) * found.vertices
     np.testing.assert_allclose(drawn.T, [corners.min(axis=0), corners.max(axis=0)], rtol=1e-5)
@@ -629,7 +614,7 @@ def test_the_surface_of_rest_holds_signals_places_and_currents():
     x, y, height = np.asarray(surface.points).T
     np.testing.assert_allclose(height, 0.2 * x, atol=1e-6)  # mm over %
     np.testing.assert_allclose(surface[LEVEL], 1.5 + 0.01 * y, rtol=1e-6)
-    assert axes_of("shift", "y", Shown("")) == ("x signal, %", "y signal, %", "y, mm")
+    assert axes_of("shift", "y", Shown("")) == (("x signal, %", "y signal, %", "y, mm"), (1, 1, 1))
 
 
 @needs_opengl
@@ -690,8 +675,9 @@ def test_a_page_holds_the_scene_its_words_and_the_titles_of_its_axes(drawn, tmp_
     packed, write = [], vtksz2html.write_html
     monkeypatch.setattr(vtksz2html, "write_html", lambda data, page: packed.append(data) or write(data, page))
     scene = drawn("shift")
-    title, titles = 'where "it" <rests>\\', ("one, %", "two, %", "three, mm")
-    text = save_scene(scene, tmp_path / "new" / "shift.html", title, titles).read_text()
+    title, titles = 'where "it" <rests>\\', ("one, %", "two, %", "50 three, mm")
+    axes = ("one, %", "two, %", "three, mm"), (1, 1, 50)
+    text = save_scene(scene, tmp_path / "new" / "shift.html", title, axes).read_text()
     words = "where 'it'  rests>\\A drag: turn; wheel: zoom; shift and drag: move"
     assert f'content: "{words}"' in text
     assert re.findall("<title>(.*?)</title>", text) == [html.escape(title)]

@@ -13,13 +13,14 @@ import numpy as np
 from fieldmap.arguments import check
 from fieldmap.control.blocks import Controller
 from fieldmap.control.function_controller import FunctionController
+from fieldmap.core.machine import TURN
 from fieldmap.device import Device
 from fieldmap.dynamics.closed_loop import simulate_many
-from fieldmap.dynamics.loop_run import LevitationRun, as_csv, recorded
-from fieldmap.dynamics.scenario.experiment import Experiment, prepare
-from fieldmap.dynamics.scenario.metrics import RunMetrics, over_runs, reading_mm, run_metrics
+from fieldmap.dynamics.loop_run import LevitationRun, as_csv, recorded, tilt_of
+from fieldmap.dynamics.scenario.experiment import Experiment, ScenarioRun, prepare
+from fieldmap.dynamics.scenario.metrics import RunMetrics, over_runs, reading_mm
 from fieldmap.dynamics.scenario.references import AXES
-from fieldmap.dynamics.scenario.schema import Scenario, read_scenario
+from fieldmap.dynamics.scenario.schema import read_scenario
 from fieldmap.field import Field
 from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record, count_of
@@ -28,6 +29,8 @@ from fieldmap.typing import PathLike, Progress
 
 MOST_KEPT = 50
 """Most runs in a batch for which signals are kept, for a file or a picture."""
+# A body that rests within so many degrees stands upright.
+_UPRIGHT = 1.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -35,7 +38,7 @@ class BatchRun(Record):
     """One run: its metrics, and its signals if they are kept."""
 
     metrics: RunMetrics
-    run: LevitationRun | None
+    run: ScenarioRun | None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -159,10 +162,12 @@ def simulate_batches(
         def part(message: str, fraction: float, label: str = _label(varied)) -> None:
             progress(f"{label} {message}".strip(), (len(batches) + fraction) / len(scenarios))
 
-        def judged(run: LevitationRun, read: Scenario = read) -> BatchRun:
-            return BatchRun(run_metrics(read, run), run if keep_signals and runs <= MOST_KEPT else None)
-
         experiment = prepare(read, opened, device if read.contents.device is None else None, controller)
+
+        def judged(run: LevitationRun, experiment: Experiment = experiment) -> BatchRun:
+            found = experiment.judged(run)
+            return BatchRun(found.metrics, found if keep_signals and runs <= MOST_KEPT else None)
+
         experiment.warm()
         chosen = seed if seed is not None else read.settings.noise.seed or 0
         python = getattr(experiment.controller, "form", "") == "python"
@@ -224,12 +229,14 @@ def batch_words(batch: Batch) -> Iterator[tuple[str, str]]:
     # The force may jump over zero between cells of a coarse map.
     left = f"; {rest.residual:.0e} of the weight left" if rest.residual > 1e-6 else ""
     x, y, depth = reading_mm(scenario, rest.sensed)
+    lean = float(np.degrees(tilt_of(rest.state[TURN : TURN + 4])))
+    leans = f", leaning {lean:.1f} degrees" if lean > _UPRIGHT else ""
     amperes = ", ".join(f"{value:.4g}" for value in rest.currents)
     runs = [one.metrics for one in batch.runs]
     speed = sum(one.end_s for one in runs) / max(batch.seconds, 1e-9)
     if batch.label:
         yield "value", batch.label
-    yield "at rest", f"x {x:.3f}, y {y:.3f}, depth {depth:.3f} mm; currents {amperes} A{left}"
+    yield "at rest", f"x {x:.3f}, y {y:.3f}, depth {depth:.3f} mm{leans}; currents {amperes} A{left}"
     yield (
         "simulated",
         f"{count_of(len(runs), 'run', 'runs')} of {scenario.contents.duration_s:g} s in {batch.seconds:.2f} s of "

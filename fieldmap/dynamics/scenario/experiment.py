@@ -91,6 +91,14 @@ class Experiment(Record):
         driven, start = (self.machine, self.controller, self.schedule), (self.state, self.currents)
         return simulate_closed_loop(*driven, *start, self.noise(seed))
 
+    def judged(self, run: LevitationRun) -> "ScenarioRun":
+        """A run of this experiment with its scenario and its metrics."""
+        known = {field.name: getattr(run, field.name) for field in fields(LevitationRun)}
+        scenario, names = self.scenario, self.device.coil_names
+        return ScenarioRun(
+            **known, scenario=scenario, coil_names=tuple(names), metrics=run_metrics(scenario, run)
+        )
+
     def noise(self, seed: int | np.random.SeedSequence | None) -> int | np.random.SeedSequence | None:
         """The given seed, or that of the scenario; None for a scenario without noise."""
         noise = self.scenario.settings.noise
@@ -335,9 +343,11 @@ def _begin(start: Start, point: OperatingPoint) -> Array:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ScenarioRun(LevitationRun):
-    """A run (`LevitationRun`) with its scenario and its metrics. `print(run)` shows the metrics."""
+    """A run (`LevitationRun`) with its scenario, the names of its coils and its metrics. `print(run)` shows the
+    metrics."""
 
     scenario: Scenario
+    coil_names: tuple[str, ...]
     metrics: RunMetrics
 
     def __str__(self) -> str:
@@ -398,9 +408,7 @@ def simulate(
     0.387
     """
     experiment = prepare(read_scenario(path_or_name, changes), field_map, device, controller)
-    run, scenario = experiment.run(seed), experiment.scenario
-    known = {field.name: getattr(run, field.name) for field in fields(LevitationRun)}
-    return ScenarioRun(**known, scenario=scenario, metrics=run_metrics(scenario, run))
+    return experiment.judged(experiment.run(seed))
 
 
 def open_machine(

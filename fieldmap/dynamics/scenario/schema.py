@@ -268,13 +268,18 @@ class Start(Record):
     x: Annotated[
         float | None,
         Key(
-            ..., "unless given, where the body floats with a constant controller's x signal, or with 0", "mm"
+            ...,
+            "unless given, where the body floats with a constant controller's x signal, or with 0: the search begins "
+            "in the middle of the map, and may end far from it",
+            "mm",
         ),
     ] = None
     y: Annotated[
         float | None,
         Key(
-            ..., "unless given, where the body floats with a constant controller's y signal, or with 0", "mm"
+            ...,
+            "unless given, where the body floats with a constant controller's y signal, or with 0: as of x",
+            "mm",
         ),
     ] = None
     shift: Annotated[Three, Key(Vector, "distance from equilibrium along x, y, depth", "mm")] = _ZERO

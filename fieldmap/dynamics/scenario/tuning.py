@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from fieldmap.arguments import check_choice
-from fieldmap.control import StateSpace
+from fieldmap.control import PID, StateSpace
 from fieldmap.control.tuning import TunedPID, tune_pid
 from fieldmap.device import Device
 from fieldmap.dynamics.linear_loop import sampled_machine, shares_of_the_past
@@ -30,22 +30,22 @@ _AXES = {"z": (0, -1e3, ()), "x": (1, 1e3, ("turn_y",)), "y": (2, 1e3, ("turn_x"
 class Tuning(Record):
     """PID controllers of a scenario.
 
-    axes: the controllers by axis, with the margins that each has while the other axes are held. changes: keys of the
-    scenario with these controllers, as `simulate` takes them. point: the whole machine under all controllers, linear
-    about the start, with its margins.
+    axes: the controllers by axis, with the margins that each has while the other axes are held. keys: the keys of the
+    scenario that the tuning decides. changes: these and the given ones, as `simulate` takes them. point: the whole
+    machine under all controllers, linear about the start, with its margins.
     """
 
     axes: Mapping[str, TunedPID]
+    keys: Mapping[str, Any]
     changes: Mapping[str, Any]
     point: LinearPoint
 
     def to_dict(self) -> dict[str, Plain]:
         """The tuning as plain Python."""
         axes = {axis: tuned.margins for axis, tuned in self.axes.items()}
-        keys = {key: value for key, value in self.changes.items() if key[-1] in self.axes}
         loop = {"stable": self.point.loop.stable, "margins": self.point.margins}
         return plain_items(
-            keys=keys, margins_alone=axes, loop=loop, assumptions=self.point.linear.assumptions
+            keys=self.keys, margins_alone=axes, loop=loop, assumptions=self.point.linear.assumptions
         )
 
 
@@ -61,8 +61,8 @@ def tune_axes(
     """Tune a PID controller for each of these axes, on the scenario's machine about its start.
 
     Each axis is tuned alone, with the delay of the control task and the sensors' scans, while the other axes are held.
-    A body that may turn does so about the axis that goes with x or y. Limits that the scenario states for the
-    controllers of these axes stay.
+    A body that may turn does so about the axis that goes with x or y. Of a PID controller in the scenario the gains and
+    times change, and the rest stays; of another controller its limits stay.
 
     Parameters
     ----------
@@ -99,9 +99,12 @@ def tune_axes(
         check_choice("tune_axes(axes)", axis, tuple(_AXES))
     given = dict(changes or {})
     read = read_scenario(scenario, given)
-    if read.contents.control.coupled is not None:
-        given |= {"control.coupled": None, **{f"control.{axis}": {"kind": "constant"} for axis in _AXES}}
-    plants, period = _plants(prepare(read_scenario(scenario, given), field_map, device))
+    control, keys = read.contents.control, dict[str, Any]()
+    if control.coupled is not None:
+        stated = control.model_dump(exclude_unset=True, exclude={"coupled"})
+        keys = {"control": stated | {axis: {"kind": "constant"} for axis in _AXES}}
+        given = {key: value for key, value in given.items() if key.split(".")[0] != "control"}
+    plants, period = _plants(prepare(read_scenario(scenario, given | keys), field_map, device))
     found: dict[str, TunedPID] = {}
     for axis in axes:
         try:
@@ -111,21 +114,30 @@ def tune_axes(
             at = AtKey(f"control.{axis}", problem.must_hold, problem.received, problem.remedy)
             with read.document.placing():
                 raise Infeasible(at, reachable=error.reachable) from error
-        stated = getattr(read.contents.control, axis)
-        limits = {name: getattr(stated, name, None) for name in ("lower", "upper")}
-        given[f"control.{axis}"] = _keys(axis, found[axis]) | {
-            name: limit for name, limit in limits.items() if limit is not None
-        }
-    (point,) = linear_points(prepare(read_scenario(scenario, given), field_map, device))
-    return Tuning(found, given, point)
+        table, before = pid_table(axis, found[axis].pid), getattr(control, axis)
+        if control.coupled is not None:
+            keys["control"][axis] = table
+        else:
+            keys |= _changed(f"control.{axis}", table, before)
+    changes = given | keys
+    (point,) = linear_points(prepare(read_scenario(scenario, changes), field_map, device))
+    return Tuning(found, keys, changes, point)
 
 
-def _keys(axis: str, tuned: TunedPID) -> dict[str, Any]:
-    """Of a controller in a scenario, where that of the depth acts on minus the error."""
-    pid = tuned.pid
+def pid_table(axis: str, pid: PID) -> dict[str, Any]:
+    """The controller of an axis as a table of a scenario, where that of the depth acts on minus the error."""
     sign = 1.0 if pid.acts_on_minus_error == (axis == "z") else -1.0
     times = {"Ti_s": pid.Ti, "Td_s": pid.Td, "Tf_s": pid.Tf}
     return {"kind": "pid", "Kc": sign * pid.Kc, **times, "c": pid.c, "integration": pid.integration}
+
+
+def _changed(key: str, table: dict[str, Any], before: Any) -> dict[str, Any]:
+    """What turns the controller of the scenario at a key into the one of this table."""
+    if before.kind == "pid":
+        differs = (name for name, value in table.items() if getattr(before, name) != value)
+        return {f"{key}.{name}": table[name] for name in differs}
+    limits = {name: getattr(before, name, None) for name in ("lower", "upper")}
+    return {key: table | {name: limit for name, limit in limits.items() if limit is not None}}
 
 
 def _plants(experiment: Experiment) -> tuple[Callable[[str], StateSpace], float]:
