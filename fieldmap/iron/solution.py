@@ -332,7 +332,9 @@ class SolvedState(_Reported, FieldAtCurrents):
 
     def flux_linkage(self) -> Array:
         """Flux linkages (c,) of the coils in Wb, all turns; with the flux of magnets and background."""
-        return self._air_inductance @ self.currents + self._background_linkage + self._iron_linkage
+        of_others = self._background_linkage + self._iron_linkage
+        # The inductances of many coils take long.
+        return self._air_inductance @ self.currents + of_others if self.currents.any() else of_others
 
     def derivative(self, quantity: Quantity, parameters: Sequence[str]) -> Derivatives:
         """Derivatives of a quantity by numbers of the device, exact for the discrete equations.

@@ -33,6 +33,8 @@ SEED = 20240229
 SURFACE_POINTS, SURFACE_DEGREE = 24, 18
 # At how many points the solver is asked.
 SOLVER_POINTS = 6 * SURFACE_POINTS**2
+# Of the samples of cells of a row: they bound the memory of a certificate.
+_NUMBERS_AT_ONCE = 4_000_000
 # The polynomials of cells have degree 5; a cell is small against the distance of all sources.
 FACE_POINTS, FACE_DEGREE = 12, 8
 _SYMMETRIC = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -134,19 +136,27 @@ def difference_of_polynomials(cells: Form, whole: Form, grid: Grid, scale: Array
     derivatives = _BeyondFaces(degree, float(np.linalg.norm(size)) / 2)
 
     to_rows = [shift_matrix(degree, 1, y) for y in centres[1]]
-    # Of all cells of a row in one product: the first coefficient of each of them, then the second.
-    stacked = vstack([shift_matrix(degree, 2, z) for z in centres[2]], format="csr")
-    to_cells = stacked[np.arange(stacked.shape[0]).reshape(shape[2], -1).T.ravel()]
+    at_once = max(
+        1, _NUMBERS_AT_ONCE // (count * max(len(polynomial), on_faces.shape[0] * on_faces.shape[1]))
+    )
+    to_cells = []
+    for begin in range(0, shape[2], at_once):
+        some = slice(begin, min(begin + at_once, shape[2]))
+        # In one product: the first coefficient of each of these cells, then the second.
+        stacked = vstack([shift_matrix(degree, 2, z) for z in centres[2][some]], format="csr")
+        order = np.arange(stacked.shape[0]).reshape(some.stop - begin, -1).T.ravel()
+        to_cells.append((some, stacked[order]))
 
     def of_slab(i: int) -> Array:
         worst = np.zeros(2)
         slab = shift_matrix(degree, 0, centres[0][i]) @ polynomial
         for j, along_y in enumerate(to_rows):
             row = along_y @ slab
-            difference = (to_cells @ row).reshape(len(row), shape[2], count)
-            difference[: ours.shape[-1]] -= np.moveaxis(ours[i, j], -1, 0)
-            found = _largest_sampled(on_faces, difference, scale) + derivatives.largest(difference, scale)
-            worst = np.maximum(worst, found)
+            for some, along_z in to_cells:
+                difference = (along_z @ row).reshape(len(row), -1, count)
+                difference[: ours.shape[-1]] -= np.moveaxis(ours[i, j, some], -1, 0)
+                found = _largest_sampled(on_faces, difference, scale) + derivatives.largest(difference, scale)
+                worst = np.maximum(worst, found)
         return worst
 
     return np.array(np.max(list(results_of(of_slab, range(shape[0]))), axis=0)) / (1.0, unit)
