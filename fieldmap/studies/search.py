@@ -185,6 +185,7 @@ class Designs:
         self, problem: DesignProblem, team: Workers, checkpoint: Checkpoint | None, say: Progress
     ) -> None:
         self.problem, self._team, self._checkpoint = problem, team, checkpoint
+        self._expected = problem.solves
         self._forecast = Forecast(say, {"designs": problem.solves}, team.processes)
         self._common = Common.of(problem)
         self.steps: list[Step] = []
@@ -266,6 +267,10 @@ class Designs:
             self._last = []
             raise SearchEnded(f"{_SAME} designs in a row hardly differ")
 
+    def expect(self, designs: int) -> None:
+        """So many designs are to be solved from here on."""
+        self._expected = self.solves + self.kept + designs
+
     def _name(self, derived: bool, refinement: float, design: Array) -> str:
         # Scaled values that are scaled back differ from what they were by rounding.
         return json.dumps([derived, refinement, [f"{value:.12g}" for value in design]])
@@ -281,7 +286,7 @@ class Designs:
         pace = rate(self.solves, self._forecast.taken(), "design")
         message = f"design {len(self.steps)}, {role}: {text}{pace}"
         # Kept ones take no time.
-        self._forecast.at("designs", message, self.solves, max(self.problem.solves - self.kept, self.solves))
+        self._forecast.at("designs", message, self.solves, max(self._expected - self.kept, self.solves))
 
     # What is judged.
 

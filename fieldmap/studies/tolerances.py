@@ -174,6 +174,8 @@ def analyse_tolerances(
             raise InputError.of(_CALLER, "the device must be solved", nominal.failure, remedy)
         slopes = {number.label: search.slopes(centre, number) for number in problem.numbers}
         _check_differences(search, nominal)
+        # Exact derivatives took no differences.
+        search.expect(samples)
         draws = np.random.default_rng(seed).standard_normal((samples, len(centre)))
         drawn = search.sampled(list(centre + draws * np.array(list(deviations.values()))))
     solved = [one for one in drawn if one.solved]

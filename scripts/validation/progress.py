@@ -1,25 +1,20 @@
 """The time left that runs state, against the time that they then took.
 
-Every statement from a tenth of a run on counts, but those of less than five seconds. The clock is that of the wall
-where nothing else runs, and that of this process's processors otherwise: a forecast does not know of other work.
+Every statement from a tenth of a run on counts, but those of less than five seconds. Run it on a machine that does
+nothing else: a forecast does not know of other work.
 """
 
-import os
 import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 
-from fieldmap import progress
 from fieldmap.maps import generate
 from fieldmap.studies import Uncertain, analyse_tolerances, generate_many, run_study
 from validation.many_maps import RECIPE
 from validation.row import Row
 
 FROM, LEAST_SECONDS, BOUND = 0.1, 5.0, 1.5
-# Processes that wait or run beside this one, on a machine that does nothing else.
-QUIET = 0.5
 POLES = """
 format = 1
 title = "Pole pieces"
@@ -83,17 +78,10 @@ def of_progress() -> Iterator[Row]:
 
 
 def _row(case: str, run: Callable[[Say], object]) -> Row:
-    quiet = not hasattr(os, "getloadavg") or os.getloadavg()[0] < QUIET + 1.0
-    clock = time.monotonic if quiet else time.process_time
-    before, processor = progress.time, time.process_time()
     told: list[tuple[float, float, str]] = []
-    progress.time = SimpleNamespace(monotonic=clock)  # type: ignore[assignment]
-    wall, begin = time.monotonic(), clock()
-    try:
-        run(lambda message, share: told.append((clock() - begin, share, message)))
-    finally:
-        progress.time = before
-    whole = clock() - begin
+    begin, processor = time.monotonic(), time.process_time()
+    run(lambda message, share: told.append((time.monotonic() - begin, share, message)))
+    whole, processor = time.monotonic() - begin, time.process_time() - processor
     # As `Progress` does: a share is one of the time since nothing was done.
     first = max((at for at, share, _ in told if share == 0.0), default=0.0)
     stated = [(at, (at - first) * (1.0 / share - 1.0), message) for at, share, message in told if share > 0.0]
@@ -103,11 +91,9 @@ def _row(case: str, run: Callable[[Say], object]) -> Row:
         if at >= FROM * whole and left >= LEAST_SECONDS
     ]
     worst = max(counted, default=(1.0, 0.0, 0.0, "none of five seconds or more"))
-    seconds = time.monotonic() - wall, time.process_time() - processor
-    kind = "wall" if quiet else "processor"
     figures = {
         "run": case,
-        f"s ({kind})": f"{whole:.0f}",
+        "s": f"{whole:.0f}",
         "statements": f"{len(counted)}",
         "largest ratio": f"{worst[0]:.2f}",
         "at s": f"{worst[1]:.0f}",
@@ -115,8 +101,6 @@ def _row(case: str, run: Callable[[Say], object]) -> Row:
         "left, true": f"{whole - worst[1]:.0f}",
         "at": worst[3],
     }
-    note = f"by the {kind} clock, {len(counted)} statements"
+    note = f"{len(counted)} statements"
     quantity = "time left, stated over true or true over stated"
-    return Row(
-        case, quantity, worst[0], BOUND, note, seconds=seconds[0], cpu_seconds=seconds[1], figures=figures
-    )
+    return Row(case, quantity, worst[0], BOUND, note, seconds=whole, cpu_seconds=processor, figures=figures)

@@ -262,3 +262,18 @@ def test_records_do_not_change(module):
     found = [one for one in map(vars(module).get, module.__all__) if dataclasses.is_dataclass(one)]
     assert len(found) > 2
     assert [one.__name__ for one in found if not one.__dataclass_params__.frozen] == []
+
+
+def test_differences_that_exact_derivatives_spare_are_not_waited_for():
+    """The flux density by turns: one solve and the samples, all of whose work is done at the end."""
+    told = []
+    how = {"points": [[0.0, 0.0, -0.014]], "currents": 1.0, "samples": 3, "refinement": 0.5}
+    found = analyse_tolerances(
+        "loop_and_sphere",
+        [Uncertain("coil.loop.turns", 0.5)],
+        ["flux_density 1 z"],
+        progress=lambda text, share: told.append(share),
+        **how,
+    )
+    assert found.solves == 4 < 1 + 2 + 3
+    assert told[-1] == 1.0
