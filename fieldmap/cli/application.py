@@ -98,7 +98,7 @@ COMMANDS: dict[str, Entry] = {
     "info": Entry(maps.info, MAPS, "The contents of a map."),
     "probe": Entry(answers.probe, MAPS, "Field, gradient and force at points."),
     "import": Entry(exchange.import_map, MAPS, "A table of flux densities becomes a map."),
-    "export": Entry(exchange.export, MAPS, "A map for C or mag_manip; any field as CSV or for ParaView."),
+    "export": Entry(exchange.export, MAPS, "A map for C, FMI or mag_manip; a field as CSV, for ParaView."),
     "app": Entry(pictures.app, MAPS, "A window with sliders for the currents of a map."),
     "equilibrium": Entry(
         answers.equilibrium, MAGNETS, "Where a magnet floats, or the current that lifts it."
