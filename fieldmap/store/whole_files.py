@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from fieldmap.arguments import raise_all
 from fieldmap.errors import FieldmapError, InputError
@@ -15,9 +16,10 @@ from fieldmap.typing import PathLike
 
 @contextmanager
 def whole_file(path: PathLike, kind: str, *others: str) -> Iterator[Path]:
-    """A name to write to; what lies there at the end is renamed to the path.
+    """A place to write to; what lies there at the end is renamed to the path.
 
-    Leaving with an error deletes it.
+    Leaving with an error deletes it. A killed process leaves it in a hidden folder of its own, where no pattern such as
+    ``*.h5`` finds it.
 
     Parameters
     ----------
@@ -29,7 +31,7 @@ def whole_file(path: PathLike, kind: str, *others: str) -> Iterator[Path]:
     Yields
     ------
     Path
-        A name beside it, with its suffix.
+        The same name in a hidden folder beside it.
 
     Raises
     ------
@@ -38,19 +40,17 @@ def whole_file(path: PathLike, kind: str, *others: str) -> Iterator[Path]:
     """
     target = Path(path)
     raise_all(output_problems(str(target), target, (kind, *others)))
-    partial = target.with_name(f"{target.stem}.{os.getpid()}.part{target.suffix}")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        yield partial
-        os.replace(partial, target)
+        with TemporaryDirectory(".part", ".", target.parent, ignore_cleanup_errors=True) as folder:
+            partial = Path(folder, target.name)
+            yield partial
+            os.replace(partial, target)
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError.of(
             str(target), "must be a place that can be written", reason, "choose another"
         ) from None
-    finally:
-        with suppress(OSError):
-            partial.unlink()
 
 
 def write_whole(path: PathLike, content: bytes | str, kind: str) -> Path:

@@ -3,6 +3,8 @@
 import errno
 import os
 import socket
+import subprocess
+import sys
 
 import pytest
 
@@ -40,6 +42,28 @@ def test_a_failure_leaves_what_was_there(tmp_path):
         partial.write_bytes("half of it")
     assert path.read_text() == TABLE
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_a_killed_process_leaves_is_no_file_of_its_kind(tmp_path):
+    path = tmp_path / "a.csv"
+    code = f"""
+import os, signal
+from fieldmap.store.whole_files import whole_file
+with whole_file({str(path)!r}, "table of a field") as partial:
+    partial.write_text("half of it")
+    os.kill(os.getpid(), signal.SIGTERM)
+"""
+    ended = subprocess.run([sys.executable, "-c", code], check=False)
+    (left,) = tmp_path.iterdir()
+    assert ended.returncode != 0
+    assert left.is_dir()
+    assert left.name.startswith(".")
+    assert list(tmp_path.glob("*.csv")) == []
+    write_whole(path, TABLE, "table of a field")
+    plain = tmp_path / "plain"
+    plain.write_text(TABLE)
+    assert path.read_text() == TABLE
+    assert path.stat().st_mode == plain.stat().st_mode
 
 
 @pytest.mark.parametrize(

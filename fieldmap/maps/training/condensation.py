@@ -21,7 +21,7 @@ from scipy.linalg import cho_factor, cho_solve, eigh
 
 from fieldmap.currents import CurrentDomain
 from fieldmap.iron.solvers.reduced import GalerkinModel, Weights
-from fieldmap.maps.training.cubature import nonnegative_path
+from fieldmap.maps.training.cubature import STATES_AT_ONCE, nonnegative_path, products_of_columns
 from fieldmap.maps.training.currents import drawn, extreme_signals, sequence
 from fieldmap.maps.training.model_error import Off
 from fieldmap.maps.training.modes import solved, solved_from
@@ -224,12 +224,14 @@ class _States:
             currents = self._currents[k]
             amplitude = model.solve(currents, basis.T @ self._amplitudes[k], _ROUGH)[0]
             conditions = model.conditions(currents, amplitude, fields, self._weights)
-            return np.ascontiguousarray(conditions.of_points(model).T) / accuracy
+            return conditions.of_points(model).T / accuracy
 
         products, wanted, square = np.zeros((len(volume), len(volume))), np.zeros(len(volume)), 0.0
-        for conditions in results_of(of, range(len(self._currents))):
+        numbers = range(len(self._currents))
+        for first in numbers[::STATES_AT_ONCE]:
+            conditions = np.concatenate(list(results_of(of, numbers[first : first + STATES_AT_ONCE])))
             whole = conditions.sum(axis=1)
-            products += conditions.T @ conditions
+            products += products_of_columns(conditions)
             wanted += whole @ conditions
             square += float(whole @ whole)
         weight = _COARSE**2 * len(self._currents) / _VOLUME**2

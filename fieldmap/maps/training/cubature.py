@@ -35,8 +35,10 @@ _VOLUME = 1e-3
 _TANGENT = 0.5
 # Least relative error of the fit: the normal equations cannot resolve a smaller one.
 _LEAST = 1e-7
-# Number of points whose products with all others are formed at a time; number of states whose conditions are in memory.
-_POINTS, _STATES = 256, 32
+STATES_AT_ONCE = 32
+"""Number of states whose conditions are in memory."""
+# Number of points whose products with all others are formed at a time.
+_POINTS = 256
 # Most unknowns that enter at a time, and the least gradient of an unknown that enters, as a share of the steepest.
 _AT_ONCE, _STEEP = 12, 0.5
 _ROUNDING = 1e-13
@@ -77,11 +79,11 @@ class Cubature:
         totals
             For each state the sum (r,) over all points.
         """
-        for first in range(0, len(contributions), _STATES):
-            some = contributions[first : first + _STATES]
+        for first in range(0, len(contributions), STATES_AT_ONCE):
+            some = contributions[first : first + STATES_AT_ONCE]
             parts = results_of(lambda of: of(self.candidates), some)
             matrix = np.concatenate([part.T for part in parts])
-            wanted = np.concatenate(totals[first : first + _STATES])
+            wanted = np.concatenate(totals[first : first + STATES_AT_ONCE])
             self._products += products_of_columns(matrix)
             self._wanted += wanted @ matrix
             self._square += float(wanted @ wanted)

@@ -256,6 +256,7 @@ class CondensedAndTried(Record):
     charge : (k, s), surface charge densities of these fields, T.
     changed : largest relative change of a state's field by condensation.
     tried : tested states by their kind.
+    before : errors (s,) of the model before condensation at these states, by their kind.
     errors : errors at these states by their kind.
     """
 
@@ -264,6 +265,7 @@ class CondensedAndTried(Record):
     charge: Array
     changed: float
     tried: Mapping[str, Snapshots]
+    before: Mapping[str, Array]
     errors: Mapping[str, Errors]
 
 
@@ -276,12 +278,15 @@ def _condensed_and_tried(training: Training, reduction: Reduction, tries: Tries)
     forecast.at("modes", "fields of the modes")
     combination, of_modes = _fields_of_map(reduction, training.domain, plan)
     charge = combination @ reduction.charge
-    forecast.at("modes", "modes and points that the workspace sees")
     # Sample points and condensation make errors at the training states as well.
     own = training.known.some(np.flatnonzero(training.known.own))
-    tried = tries.found | {"trained on": own}
+    tried, once = tries.found | {"trained on": own}, forecast.expected("modes")
     for number, share in enumerate(_CONDENSED):
         accuracy = share * plan.accuracy
+        # Each attempt is expected to take as long as the first.
+        whole = (number + 1) * once
+        forecast.expect("modes", whole)
+        forecast.at("modes", "modes and points that the workspace sees", number * once, whole)
         if reduction.in_vain:
             few = Condensed(reduction.sampled, np.eye(reduction.sampled.modes), 0.0)
         else:
@@ -289,8 +294,7 @@ def _condensed_and_tried(training: Training, reduction: Reduction, tries: Tries)
         attempt = tries.condensed * len(_CONDENSED) + number
         found = search_condensed(training, reduction, few, attempt)
         tried[_SEARCHED] = found.with_earlier(tried.get(_SEARCHED, Snapshots(training.solver)))
-        of_trained = max(float(reduction.off(some).max(initial=0.0)) for some in tried.values())
-        whole = forecast.expected("modes")
+        before = {name: reduction.off(some) for name, some in tried.items()}
         forecast.at("modes", "error on solved states", whole - ERRORS * training.seconds_of_state, whole)
         output = of_modes @ few.basis
         errors = {
@@ -300,9 +304,10 @@ def _condensed_and_tried(training: Training, reduction: Reduction, tries: Tries)
         }
         largest = max(found.share for found in errors.values())
         # If the error of the trained model is too large by itself, less condensation does not help.
+        of_trained = max(float(off.max(initial=0.0)) for off in before.values())
         if of_trained > allowed(training) or largest <= allowed(training):
             break
-    return CondensedAndTried(few, output, charge, accuracy * few.changed, tried, errors)
+    return CondensedAndTried(few, output, charge, accuracy * few.changed, tried, before, errors)
 
 
 def _fields_of_map(reduction: Reduction, domain: CurrentDomain, plan: Plan) -> tuple[Array, Array]:
@@ -370,9 +375,9 @@ def _error_parts(training: Training, reduction: Reduction, condensed: CondensedA
     in_vain: whether that is too large for any choice of points, so that only few choices were tried.
     """
     of_states, of_points = 0.0, reduction.points.changed
-    for some in condensed.tried.values():
+    for name, some in condensed.tried.items():
         if some.solved:
-            off = reduction.off(some)
+            off = condensed.before[name]
             number = int(off.argmax())
             own = training.off_of_modes(reduction.modes, some, number)
             # The model with the law at all points has a smaller error. The difference is due to the points.
