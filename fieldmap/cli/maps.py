@@ -136,9 +136,10 @@ def _page_of_many(made: ManyMaps) -> Iterator[page.Section]:
     total = len(made.study.variants)
     yield page.heading(made.study.title, f"{total - len(made.failed)} of {total} maps")
     yield page.facts([("failed", f"{name}: {reason}") for name, reason in made.failed.items()])
-    worst = made.data[["certified_flux_density", "certified_gradient"]].max()
-    flux, slope = 1e6 * float(worst.certified_flux_density), 1e3 * float(worst.certified_gradient)
-    yield page.facts([("certificate", f"at most {flux:.3g} uT and {slope:.3g} mT/m, of the worst map")])
+    if len(made.failed) < total:
+        worst = made.data[["certified_flux_density", "certified_gradient"]].max()
+        flux, slope = 1e6 * float(worst.certified_flux_density), 1e3 * float(worst.certified_gradient)
+        yield page.facts([("certificate", f"at most {flux:.3g} uT and {slope:.3g} mT/m, of the worst map")])
     yield page.written([made.path, made.table])
 
 

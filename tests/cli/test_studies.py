@@ -1,6 +1,7 @@
 """`fieldmap study`, `optimise` and `fit`: files, tables, JSON, exit codes."""
 
 import json
+import re
 import warnings
 from pathlib import Path
 
@@ -78,6 +79,18 @@ def test_a_map_of_each_variant(study, machine, tmp_path, command, answer):
     for wrong in (("--part", "3/2"), ("--part", "half"), ("--summary",), ("--set", "coil.loop.turns=3")):
         assert command("", *words, *wrong)[0] == 2
     assert command("", "map", machine.recipe, "--part", "1/2")[0] == 2
+
+
+def test_maps_of_variants_that_all_fail(study, machine, tmp_path, command):
+    made = Path(machine.recipe)
+    over = made.with_name("turns.toml")
+    over.write_text(study.read_text().replace(machine.device, "thin_loop.toml"))
+    # Too few nodes, in every variant.
+    recipe = made.with_name("wide.toml")
+    recipe.write_text(re.sub(r"spacing_mm = .*", "spacing_mm = 1000.0", made.read_text()))
+    code, out, _ = command("", "map", recipe, "--over", over, "-o", tmp_path / "turns.nc")
+    assert (code, "nan" in out) == (1, False)
+    assert out.count("nodes along each axis") == 2
 
 
 @pytest.fixture
