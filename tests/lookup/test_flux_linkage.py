@@ -206,10 +206,10 @@ def test_iron_that_remembers_links_what_its_cells_hold():
 
 @pytest.mark.slow
 def test_a_map_of_saturating_iron_against_its_solver(tmp_path):
-    """At random currents, of which 40 A saturate the core: linkages within what the map states; inductances, which it
-    was trained for, within 0.5 %."""
+    """At random currents, of which 20 A saturate the core: linkages within what the map states; inductances, which it
+    was trained for, within 0.5 %, at the knee of the law, too."""
     device = core_and_coils(STEEL)
-    limit = {"lower_A": -80.0, "upper_A": 80.0, "inductance": True}
+    limit = {"lower_A": -80.0, "upper_A": 80.0, "inductance": True, "accuracy": 5e-5}
     box = [[-4e-3, -4e-3, -16e-3], [4e-3, 4e-3, -8e-3]]
     path = fm.generate(
         device, tmp_path / "m.h5", spacing=2e-3, box=box, currents=limit, iron={"model": "saturating"}
@@ -217,7 +217,7 @@ def test_a_map_of_saturating_iron_against_its_solver(tmp_path):
     m, solver = fm.open_map(path), NonlinearSolver(device)
     stated = m.info.provenance.solver_report["linkage_error"]
     found = []
-    for currents in np.random.default_rng(2).uniform(-80.0, 80.0, (6, len(device.coils))):
+    for currents in np.random.default_rng(5).uniform(-80.0, 80.0, (40, len(device.coils))):
         state = solver.solve(currents, 1e-5)
         wanted, matrix = state.flux_linkage(), solver.differential_inductance(state)
         assert np.abs(m.flux_linkage(currents) - wanted).max() < 3 * stated["share"] * np.abs(wanted).max()
@@ -226,7 +226,7 @@ def test_a_map_of_saturating_iron_against_its_solver(tmp_path):
         found.append(matrix[0, 0])
     assert min(found) < 0.3 * max(found)
     assert stated["share"] < 3e-3
-    assert stated["inductance_share"] < 2e-2
+    assert stated["inductance_share"] < 5e-3
 
 
 def test_linear_maps_have_what_their_solver_has(tmp_path):
