@@ -231,6 +231,30 @@ def test_coils_of_saturating_iron_follow_the_maps_linkages(saturating):
     assert np.abs(found - wanted).max() < 1e-4 * np.abs(wanted).max()
 
 
+def test_iron_is_solved_only_where_currents_move(saturating):
+    """Near the currents of a solve they follow the inductance, and forces the map; further away the iron is solved."""
+    ohms, at, moment = np.full(6, 0.5), np.array([0.4, -0.3, 0.5, 0.2, -0.4, 0.1]), np.array([0.0, 0.3, 0.8])
+    body = RigidBody(1e30, [1e30] * 3, MagneticBody.dipole(moment), gravity=0.0)
+    of = replace(modelled(saturating), tolerance=1e-9)
+    near = 4e-5 * saturating.info.reduced_model.domain.upper.max()
+    volts = ohms * (at + near * np.array([1.0, -0.5, 0.8, -1.0, 0.3, 0.6]))
+    rates = np.linalg.solve(saturating.inductance(at), np.diag(ohms))
+    step = 0.02 / np.linalg.eigvals(rates).real.max()
+    bench = Bench(of, ohms, step, at, body=body)
+    bench.run(1, ohms * at)
+    before, pull = bench.core.solves.solves, bench.load.copy()
+    found = bench.run(400, volts)[-1] - at
+    assert bench.core.solves.solves == before
+    wanted = volts / ohms - at - expm(-rates * 400 * step) @ (volts / ohms - at)
+    assert np.abs(wanted).max() > 0.5 * near
+    assert found == pytest.approx(wanted, rel=1e-3, abs=1e-3 * near)
+    place = bench.state[:3]
+    moved = saturating.wrench(place, moment, at + found) - saturating.wrench(place, moment, at)
+    assert bench.load - pull == pytest.approx(moved, abs=1e-3 * np.abs(moved).max())
+    bench.run(400, 1.1 * volts)
+    assert bench.core.solves.solves > before
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_steps_into_and_out_of_saturation_do_not_run_away(saturating, seed):
     """Voltages jump at every step, and inductances change some hundredfold. Linkages of the map at the currents miss
