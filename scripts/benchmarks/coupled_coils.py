@@ -3,8 +3,8 @@
     cd scripts && python -m benchmarks.coupled_coils [MAP]
 
 Without a map: six coils of linear iron, made up. MAP: of saturating iron; its coils begin in the middle of the domain.
-Currents sway, or stand still, where an ideal drive solves no iron. All kinds take turns, and ratios are medians over the
-turns; times are processor times.
+Currents sway, or stand still, where an ideal drive solves no iron. All kinds take turns, and ratios are medians over
+the turns; times are processor times.
 """
 
 import sys
