@@ -226,6 +226,7 @@ def test_metrics_of_a_run_of_four_samples():
         event=None,
         touched=("floor",),
         iron=None,
+        windings=None,
     )
     scenario = SimpleNamespace(zero_depth_mm=50.0, settings=SimpleNamespace(reference=()))
     found = run_metrics(scenario, run)

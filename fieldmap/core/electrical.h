@@ -25,6 +25,9 @@ enum {
 /* Newton steps of a step in time; rounds for what limits hold in one of them, and the first of them, for all coils at once. */
 enum { FIELDMAP_ELECTRICAL_STEPS = 12, FIELDMAP_LIMIT_ROUNDS = 64, FIELDMAP_TOGETHER_ROUNDS = 8 };
 
+/* How far currents stray by the tangent until the iron is solved again, over the domain of the iron. */
+#define FIELDMAP_STRAY 5e-5
+
 /* A coil and its drive. resistance: ohm, at the reference temperature; lower, upper: V, of the supply; proportional, V/A,
  * integral, V/(A s): gains of a current controller, both 0 of a source of voltage; current_lower, current_upper: A, where a
  * source of voltage stops; slope: A/s or V/s, of what is asked for. A bridge loses `loss`, V, against the current, and in
@@ -43,7 +46,7 @@ enum { FIELDMAP_COIL = 15 };
  * voltage: mean of the last step, V; heat, input: J, so far; temperature, degC; source: see the enumeration. known: whether
  * the linkages are those of a run. counted: heat by the last fieldmap_warm.
  *
- * resistance: at the temperature; met: linkages of coils and iron at the currents; tangent[n * n]: incremental inductances at
+ * strayed: how far the currents are from those at which saturating iron was solved. resistance: at the temperature; met: linkages of coils and iron at the currents; tangent[n * n]: incremental inductances at
  * currents `at`, slopes[fields * n]: derivatives of the weights there; factor: of the matrix of a step of length `step`, 0
  * for none. along: the payload in each field. The rest is room. */
 typedef struct fieldmap_electrical {
@@ -51,13 +54,13 @@ typedef struct fieldmap_electrical {
     double step, largest;
     const fieldmap_coil *coils;
     fieldmap_linkage linear;
-    double *linkage, *integral, *asked, *voltage, *heat, *input, *temperature, *source, *counted, *resistance;
+    double *linkage, *integral, *asked, *voltage, *heat, *input, *temperature, *source, *counted, *strayed, *resistance;
     double *met, *at, *guess, *change, *right, *given, *gain, *total, *moved, *before, *tangent, *factor, *slopes, *along, *each;
     int64_t tangents, steps;
 } fieldmap_electrical;
 
 /* Arrays of n numbers, which begin with those of the state. */
-enum { FIELDMAP_ELECTRICAL_ARRAYS = 20, FIELDMAP_ELECTRICAL_STATE = 8 };
+enum { FIELDMAP_ELECTRICAL_ARRAYS = 21, FIELDMAP_ELECTRICAL_STATE = 8 };
 
 static inline size_t fieldmap_electrical_room(int n, int fields)
 {
@@ -70,8 +73,8 @@ static inline void fieldmap_electrical_start(fieldmap_electrical *e, double *mem
     const size_t n = (size_t)e->n;
     double **const arrays[FIELDMAP_ELECTRICAL_ARRAYS] = {
         &e->linkage, &e->integral, &e->asked, &e->voltage, &e->heat, &e->input, &e->temperature, &e->source, &e->counted,
-        &e->resistance, &e->met, &e->at, &e->guess, &e->change, &e->right, &e->given, &e->gain, &e->total, &e->moved,
-        &e->before};
+        &e->strayed, &e->resistance, &e->met, &e->at, &e->guess, &e->change, &e->right, &e->given, &e->gain, &e->total,
+        &e->moved, &e->before};
     int k;
     for (k = 0; k < FIELDMAP_ELECTRICAL_ARRAYS; k++, memory += n) *arrays[k] = memory;
     e->tangent = memory, e->factor = e->tangent + n * n, e->slopes = e->factor + n * n;
@@ -428,6 +431,32 @@ static inline double fieldmap_short_along(const fieldmap_electrical *e, const do
     return sum;
 }
 
+/* A step whose currents stay so near to those at which the iron was solved that the tangent has its linkages and weights. 0 for
+ * another. */
+static inline int fieldmap_step_by_tangent(fieldmap_electrical *e, fieldmap_superposition *of, const fieldmap_path *field,
+                                           const double *currents, double h, double *weights, int *within)
+{
+    const int n = e->n;
+    double signals[FIELDMAP_IRON_MAX_SIGNALS], far = 0.0;
+    int k, j, f;
+    for (k = 0; k < n; k++) e->right[k] = e->linkage[k] - e->total[k];
+    fieldmap_change_of_currents(e, currents, h);
+    for (k = 0; k < n; k++) far = fmax(far, fabs(e->strayed[k] + e->change[k]));
+    if (!(far <= FIELDMAP_STRAY * e->largest)) return 0;
+    for (k = 0; k < n; k++) {
+        e->strayed[k] += e->change[k];
+        e->guess[k] = currents[k] + e->change[k];
+        for (j = 0; j < n; j++) e->met[k] += e->tangent[k * n + j] * e->change[j];
+    }
+    for (f = 0; f < e->fields; f++)
+        for (k = 0; k < n; k++)
+            weights[f] += of->scale * (f < n ? (f == k ? e->change[k] : 0.0) : e->slopes[f * n + k] * e->change[k]);
+    fieldmap_path_forget(field);
+    *within = fieldmap_iron_signals(of->iron->map, e->guess, signals);
+    of->outside += !*within;
+    return 1;
+}
+
 /* Advance the currents of the coils by a step of length h in which the body comes to a place, turned by r[9], and the weights
  * of the field with them. within: whether the currents lie where it is known how the field follows them. The status of the
  * map. */
@@ -442,6 +471,12 @@ static inline int fieldmap_drive_coils(fieldmap_electrical *e, fieldmap_superpos
     if (status != FIELDMAP_OK) return status;
     fieldmap_ask(e, commands, h);
     fieldmap_total_linkages(e, saturating, e->total);
+    /* Iron with hysteresis is led along the whole path, and soft iron of the payload follows the field. */
+    if (saturating && body->n_soft == 0 && of->iron->map->n_cells == 0
+        && fieldmap_step_by_tangent(e, of, field, currents, h, weights, within)) {
+        fieldmap_take_step(e, h, currents, held);
+        return status;
+    }
     for (k = 0; k < n; k++) e->change[k] = e->moved[k] = 0.0;
     for (step = 0; step < FIELDMAP_ELECTRICAL_STEPS && !met && status == FIELDMAP_OK; step++) {
         if (step > 1 && left > 0.2) fieldmap_make_tangent(e, of->iron, field, body, place, r, of->scale, e->guess);
@@ -485,6 +520,7 @@ static inline int fieldmap_drive_coils(fieldmap_electrical *e, fieldmap_superpos
         if (left > 1e-3) fieldmap_learn_tangent(e, e->before, e->moved);
         for (k = 0; k < n; k++) e->moved[k] = e->change[k];
     }
+    for (k = 0; k < n; k++) e->strayed[k] = saturating && of->unsolved != unsolved ? INFINITY : 0.0;
     for (k = 0; k < n && saturating; k++) moved = fmax(moved, fabs(e->guess[k] - e->at[k]));
     if (moved > 0.001 * e->largest) fieldmap_make_tangent(e, of->iron, field, body, place, r, of->scale, e->guess);
     if (saturating && on_path && of->iron->map->n_cells > 0) fieldmap_iron_step(of->iron, e->guess);

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo
 
+from fieldmap.arguments import check, check_numbers, check_positive
 from fieldmap.inputs.declared import Key, check_fields, table_of
 from fieldmap.inputs.tables import NotNegative, Positive, broken
 from fieldmap.records import Record
@@ -141,6 +142,52 @@ class Heating(Record):
 
     def __post_init__(self) -> None:
         check_fields(self)
+
+    def time_to_limit(self, resistance: float, *, current: float = 0.0, voltage: float = 0.0) -> float:
+        """Time from the ambient temperature to the limit, at a lasting current or a lasting voltage.
+
+        Parameters
+        ----------
+        resistance
+            Of the winding at the reference temperature, ohm.
+        current, voltage
+            A or V: one of them.
+
+        Returns
+        -------
+        float
+            s; infinite where the winding never becomes so hot.
+
+        Raises
+        ------
+        InputError
+            For a resistance that is not positive, and for both a current and a voltage.
+
+        Examples
+        --------
+        >>> round(Heating(10.0, 50.0, 0.0, limit=120.0).time_to_limit(5.0, current=2.0))  # 500 s times ln 2
+        347
+        """
+        where, remedy = "Heating.time_to_limit", "give one of them"
+        check_positive(where, resistance=resistance)
+        check_numbers(where, current=current, voltage=voltage)
+        received = f"{current:g} A and {voltage:g} V"
+        check(current * voltage == 0.0, where, "must have a current or a voltage", received, remedy)
+
+        def rate(degrees: Array | float) -> Any:
+            ohms = resistance * (1.0 + self.coefficient * (np.asarray(degrees) - self.reference))
+            power = current**2 * ohms + voltage**2 / ohms
+            return (power - (degrees - self.ambient) / self.thermal_resistance) / self.thermal_capacity
+
+        if np.isinf(self.limit) or min(rate(self.ambient), rate(self.limit)) <= 0.0:
+            return float(np.inf)
+        # The time is the integral of 1 / rate over the temperature, by Gauss's rule in the logarithm of a rate that
+        # falls evenly, in which it is smooth near the limit, too.
+        nodes, weights = np.polynomial.legendre.leggauss(32)
+        fall = float(np.log(rate(self.limit) / rate(self.ambient))) or 1e-9
+        shares, span = 0.5 * (1.0 + nodes), (self.limit - self.ambient) / np.expm1(fall)
+        degrees = self.ambient + span * np.expm1(fall * shares)
+        return float(0.5 * weights @ (span * fall * np.exp(fall * shares) / rate(degrees)))
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)

@@ -52,7 +52,7 @@ class IronUse(Record):
 @dataclass(frozen=True, eq=False, repr=False)
 class WindingUse(Record):
     """Of coupled coils in a run, (n,) each: heat of each winding and energy that its drive gave, J; times, s, of the
-    first samples at which a winding was hotter than its limit, NaN for none."""
+    first recorded samples at which a winding was hotter than its limit, NaN for none."""
 
     heat: Array
     energy: Array
@@ -223,8 +223,8 @@ def recorded(
         ended = {"event": event.name, "about_event": event.about, "end_s": event.time, **at}
     notes = {"touched": list(run.touched), "iron": asdict(run.iron), "assumptions": list(run.assumptions)}
     if run.windings is not None:
-        heat, energy = run.windings.heat.tolist(), run.windings.energy.tolist()
-        notes["windings"] = {"heat_J": heat, "energy_J": energy}
+        of = run.windings
+        notes["windings"] = plain_items(heat_J=of.heat, energy_J=of.energy, too_hot_s=of.too_hot)
     return RunRecord(arrays, {**ended, **notes, **(about or {})})
 
 

@@ -231,6 +231,30 @@ def test_coils_of_saturating_iron_follow_the_maps_linkages(saturating):
     assert np.abs(found - wanted).max() < 1e-4 * np.abs(wanted).max()
 
 
+def test_iron_is_solved_only_where_currents_move(saturating):
+    """Near the currents of a solve they follow the inductance, and forces the map; further away the iron is solved."""
+    ohms, at, moment = np.full(6, 0.5), np.array([0.4, -0.3, 0.5, 0.2, -0.4, 0.1]), np.array([0.0, 0.3, 0.8])
+    body = RigidBody(1e30, [1e30] * 3, MagneticBody.dipole(moment), gravity=0.0)
+    of = replace(modelled(saturating), tolerance=1e-9)
+    near = 4e-5 * saturating.info.reduced_model.domain.upper.max()
+    volts = ohms * (at + near * np.array([1.0, -0.5, 0.8, -1.0, 0.3, 0.6]))
+    rates = np.linalg.solve(saturating.inductance(at), np.diag(ohms))
+    step = 0.02 / np.linalg.eigvals(rates).real.max()
+    bench = Bench(of, ohms, step, at, body=body)
+    bench.run(1, ohms * at)
+    before, pull = bench.core.solves.solves, bench.load.copy()
+    found = bench.run(400, volts)[-1] - at
+    assert bench.core.solves.solves == before
+    wanted = volts / ohms - at - expm(-rates * 400 * step) @ (volts / ohms - at)
+    assert np.abs(wanted).max() > 0.5 * near
+    assert found == pytest.approx(wanted, rel=1e-3, abs=1e-3 * near)
+    place = bench.state[:3]
+    moved = saturating.wrench(place, moment, at + found) - saturating.wrench(place, moment, at)
+    assert bench.load - pull == pytest.approx(moved, abs=1e-3 * np.abs(moved).max())
+    bench.run(400, 1.1 * volts)
+    assert bench.core.solves.solves > before
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_steps_into_and_out_of_saturation_do_not_run_away(saturating, seed):
     """Voltages jump at every step, and inductances change some hundredfold. Linkages of the map at the currents miss
@@ -432,6 +456,29 @@ def test_windings_warm_up(axial):
     assert steady.core.coil_state.temperature == pytest.approx([30.0 + 80.0 * (1.0 - np.exp(-1.0))], rel=1e-6)
 
 
+@pytest.mark.parametrize("coefficient", [0.0, 3.93e-3])
+@pytest.mark.parametrize("given", [{"current": 3.0}, {"voltage": 9.0}])
+def test_the_time_until_a_winding_is_too_hot(coefficient, given):
+    """Where an ODE of scipy comes to the limit, far below the temperature at last and just below it; beyond, never."""
+    of = Heating(5.0, 0.2, coefficient, reference=25.0, ambient=30.0)
+
+    def rate(_, s):
+        ohms = 4.0 * (1.0 + coefficient * (s[0] - 25.0))
+        power = given.get("current", 0.0) ** 2 * ohms + given.get("voltage", 0.0) ** 2 / ohms
+        return [(power - (s[0] - 30.0) / 5.0) / 0.2]
+
+    path = solve_ivp(rate, (0, 40.0), [30.0], rtol=1e-10, atol=1e-10, dense_output=True)
+    last = path.y[0, -1]
+    for time in (0.2, 1.0, 9.0):
+        limit = float(path.sol(time)[0])
+        assert replace(of, limit=limit).time_to_limit(4.0, **given) == pytest.approx(time, rel=1e-5)
+    assert (
+        replace(of, limit=last + 1.0).time_to_limit(4.0, **given) == of.time_to_limit(4.0, **given) == np.inf
+    )
+    with pytest.raises(InputError):
+        of.time_to_limit(4.0, current=1.0, voltage=1.0)
+
+
 def test_coils_of_iron_that_remembers_take_the_heat_of_hysteresis():
     """Energy put in = heat of the windings and of hysteresis + field energy, by energies of the cells in numpy; steps
     whose currents turn back twice."""
@@ -486,6 +533,7 @@ def test_scenarios_name_drives(desk):
     assert run.voltages[0] == pytest.approx(6.0 * run.currents[0])
     assert np.abs(run.voltages / run.currents / 6.0 - 1).max() > 1e-2
     assert ideal.voltages.shape == (len(ideal.time), 0)
+    assert run.metrics.hottest_degC is ideal.metrics.hottest_degC is None
     balance = run.windings.energy - run.windings.heat
     assert np.abs(balance) < 0.02 * run.windings.heat
 
@@ -504,7 +552,11 @@ def test_a_scenario_of_a_bridge_with_windings_that_warm_up(desk, tmp_path):
     hot = run.temperatures[:, 0] > 22.5
     assert run.windings.too_hot == pytest.approx([run.time[np.argmax(hot)]])
     assert 0.0 < run.windings.too_hot[0] < 0.19
+    found = experiment.judged(run).metrics
+    assert found.hottest_degC == run.temperatures.max() > 22.5
+    assert found.too_hot_s == run.windings.too_hot[0]
     record = recorded(run, ("coil",))
+    assert record.about["windings"]["too_hot_s"] == run.windings.too_hot.tolist()
     assert record.arrays["temperatures"][0].shape == record.arrays["voltages"][0].shape == (len(run.time), 1)
 
 

@@ -240,6 +240,19 @@ def test_words_about_what_is_left_what_settles_and_what_did_not_converge():
     assert each["settling"].endswith(" step in 2 of 3 runs: 0.354 mm RMS off over the last quarter")
 
 
+def test_words_about_windings_that_warm_up():
+    """The hottest of all runs; the earliest that was too hot, in so many of them."""
+    runs = [
+        metrics_of(STEP, hottest_degC=hot, too_hot_s=at)
+        for hot, at in ((80.04, 1.5), (91.26, 1.25), (70.0, None))
+    ]
+    words = [text for subject, text in batch_words(batch(*runs)) if subject == "windings"]
+    assert words == ["91.3 degC at most", "WARNING: hotter than their limit from 1.25 s on in 2 of 3 runs"]
+    (alone,) = [text for subject, text in batch_words(batch(runs[2])) if subject == "windings"]
+    assert alone == "70.0 degC at most"
+    assert "windings" not in dict(batch_words(batch(metrics_of(STEP))))
+
+
 PIECES = {
     "a ramp beside it": [Step("x", 0.02, 1e-3), Ramp("x", 0.01, 1e-3, 1e-3)],
     "none": [Step("y", 0.02, 1e-3)],

@@ -126,20 +126,51 @@ def test_linkages_and_forces_are_derivatives_of_one_coenergy(m):
             assert exact == pytest.approx(moved, rel=1e-5, abs=1e-5 * np.abs(moved).max())
 
 
-def test_voltages_along_a_path_add_up_to_the_change_of_the_linkages(m):
-    """By a Gauss rule; along a closed path to nothing. Within one cell of the map, where the field is a polynomial."""
-    ends = PLACE + np.array([[0, 0, 0], [3e-4, 0, 1e-4], [1e-4, 4e-4, 0], [0, 0, 0]])
+def along_path(m, ends, currents):
+    """Of a dipole along straight lines (k + 1, 3), by a Gauss rule in each cell: voltages and work (k, n + 1), and the
+    changes of the linkages and of the co-energy, which is m . B and that of the reaction."""
     nodes, weights = np.polynomial.legendre.leggauss(8)
-    total, largest = np.zeros(6), 0.0
+    faces, body, found, changes = m.info.grid.points(), MagneticBody.dipole(MOMENT), [], []
     for a, b in itertools.pairwise(ends):
-        places = a + 0.5 * (1 + nodes)[:, None] * (b - a)
-        rates = np.array([m.back_emf(place, CURRENTS, MOMENT, b - a) for place in places])
-        along = 0.5 * weights @ rates
-        change = payload_linkage(m, b, CURRENTS, MOMENT) - payload_linkage(m, a, CURRENTS, MOMENT)
-        largest = max(largest, np.abs(along).max())
-        assert along == pytest.approx(change, abs=1e-9 * largest)
-        total += along
-    assert total == pytest.approx(np.zeros(6), abs=1e-9 * largest)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            meets = np.unique(np.clip((faces - a) / (b - a), 0.0, 1.0))
+        sums = np.zeros(len(m.coil_names) + 1)
+        for begin, end in itertools.pairwise(meets[np.isfinite(meets)]):
+            for share, weight in zip(0.5 * (1 + nodes), 0.5 * (end - begin) * weights, strict=True):
+                place = a + (begin + share * (end - begin)) * (b - a)
+                force = m.wrench(place, MOMENT, currents)[:3]
+                sums += weight * np.append(m.back_emf(place, currents, MOMENT, b - a), force @ (b - a))
+        found.append(sums)
+        ends_of_line = [
+            np.append(payload_linkage(m, end, currents, MOMENT), -body.energy(m, end, currents))
+            for end in (a, b)
+        ]
+        changes.append(ends_of_line[1] - ends_of_line[0])
+    return np.array(found), np.array(changes)
+
+
+def closed_to(m, ends, currents):
+    """Misses of voltages and work along a path, and along all of it, which is closed: shares of the largest parts."""
+    found, changes = along_path(m, ends, currents)
+    sizes = np.abs(found).max(axis=0)
+    return (np.abs(found - changes) / sizes).max(), (np.abs(found.sum(axis=0)) / sizes).max()
+
+
+def test_voltages_and_work_along_a_path_are_changes_of_linkages_and_of_the_coenergy(m):
+    """At fixed currents of saturating iron; along a closed path nothing."""
+    ends = PLACE + np.array([[0, 0, 0], [3e-4, 0, 1e-4], [1e-4, 4e-4, 0], [0, 0, 0]])
+    assert max(closed_to(m, ends, CURRENTS)) < 1e-9
+
+
+def test_paths_through_many_cells_of_a_map(tmp_path):
+    """The form "hermite" has no steps between its cells. Those of "harmonic" are errors of the interpolation, of which
+    the coils of a simulator, whose states are linkages, see the change as well."""
+    path = fm.generate(fm.read_device("desk_levitator"), tmp_path / "desk.h5", spacing=3e-3)
+    smooth, stepped = (fm.open_map(path, kind=kind) for kind in ("hermite", "harmonic"))
+    low, high = (smooth.lower + share * (smooth.upper - smooth.lower) for share in (0.1, 0.9))
+    ends = np.array([low, [high[0], low[1], low[2]], high, low])
+    assert max(closed_to(smooth, ends, 0.24)) < 1e-9
+    assert 1e-6 < max(closed_to(stepped, ends, 0.24)) < 1e-3
 
 
 def test_a_map_adds_air_magnets_and_iron(m):
@@ -175,22 +206,27 @@ def test_iron_that_remembers_links_what_its_cells_hold():
 
 @pytest.mark.slow
 def test_a_map_of_saturating_iron_against_its_solver(tmp_path):
-    """At random currents: linkages within what the map states; inductances, which it was trained for, likewise."""
+    """At random currents, of which 20 A saturate the core: linkages within what the map states; inductances, which it
+    was trained for, within 0.5 %, at the knee of the law, too."""
     device = core_and_coils(STEEL)
-    limit = {"lower_A": -4.0, "upper_A": 4.0, "inductance": True}
+    limit = {"lower_A": -80.0, "upper_A": 80.0, "inductance": True, "accuracy": 5e-5}
     box = [[-4e-3, -4e-3, -16e-3], [4e-3, 4e-3, -8e-3]]
     path = fm.generate(
         device, tmp_path / "m.h5", spacing=2e-3, box=box, currents=limit, iron={"model": "saturating"}
     )
     m, solver = fm.open_map(path), NonlinearSolver(device)
     stated = m.info.provenance.solver_report["linkage_error"]
-    for currents in np.random.default_rng(2).uniform(-4.0, 4.0, (3, len(device.coils))):
+    found = []
+    for currents in np.random.default_rng(5).uniform(-80.0, 80.0, (40, len(device.coils))):
         state = solver.solve(currents, 1e-5)
         wanted, matrix = state.flux_linkage(), solver.differential_inductance(state)
         assert np.abs(m.flux_linkage(currents) - wanted).max() < 3 * stated["share"] * np.abs(wanted).max()
-        assert np.abs(m.inductance(currents) - matrix).max() < 3 * stated["inductance_share"] * matrix.max()
+        assert np.abs(m.inductance(currents) - matrix).max() < 5e-3 * matrix.max()
+        assert matrix == pytest.approx(matrix.T, abs=1e-7 * matrix.max())
+        found.append(matrix[0, 0])
+    assert min(found) < 0.3 * max(found)
     assert stated["share"] < 3e-3
-    assert stated["inductance_share"] < 1e-2
+    assert stated["inductance_share"] < 5e-3
 
 
 def test_linear_maps_have_what_their_solver_has(tmp_path):

@@ -250,6 +250,8 @@ def batch_words(batch: Batch) -> Iterator[tuple[str, str]]:
     yield "largest", f"lean {lean:.2f} degrees, current {current:.3f} A"
     for text in _iron(runs):
         yield "iron", text
+    for text in _windings(runs):
+        yield "windings", text
 
 
 def _events(runs: list[RunMetrics]) -> Iterator[str]:
@@ -282,9 +284,22 @@ def _not_settled(runs: list[RunMetrics]) -> Iterator[str]:
         steps = [step for one in whole if (step := one.axes[k].step) is not None]
         left = [step.steady_rms for step in steps if not np.isfinite(step.settling_time)]
         if left:
-            of = "" if len(whole) == 1 else f" in {len(left)} of {len(whole)} runs"
             off = f"{over_runs(left):.3g} mm RMS off over the last quarter"
-            yield f"{axis} does not settle within 2 % of its step{of}: {off}"
+            yield f"{axis} does not settle within 2 % of its step{_of_runs(len(left), len(whole))}: {off}"
+
+
+def _windings(runs: list[RunMetrics]) -> Iterator[str]:
+    """How hot the windings of coupled coils became; none if they do not warm up."""
+    hottest = [one.hottest_degC for one in runs if one.hottest_degC is not None]
+    times = [one.too_hot_s for one in runs if one.too_hot_s is not None]
+    if hottest:
+        yield f"{max(hottest):.1f} degC at most"
+    if times:
+        yield f"WARNING: hotter than their limit from {min(times):.3g} s on{_of_runs(len(times), len(runs))}"
+
+
+def _of_runs(some: int, whole: int) -> str:
+    return "" if whole == 1 else f" in {some} of {whole} runs"
 
 
 def _iron(runs: list[RunMetrics]) -> Iterator[str]:

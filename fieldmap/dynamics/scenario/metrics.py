@@ -52,6 +52,8 @@ class RunMetrics(Record):
     end_mm_per_s : its velocity along x, y and depth.
     end_A : currents at the end.
     iron : how the field of the iron was computed.
+    hottest_degC : highest temperature of a winding; None where windings do not warm up.
+    too_hot_s : when the first winding was hotter than its limit; None if none was.
     """
 
     axes: tuple[AxisMetrics, ...]
@@ -64,6 +66,8 @@ class RunMetrics(Record):
     end_mm_per_s: tuple[float, float, float]
     end_A: tuple[float, ...]
     iron: IronUse
+    hottest_degC: float | None = None
+    too_hot_s: float | None = None
 
     def __str__(self) -> str:
         return "\n".join(_lines(self))
@@ -128,7 +132,16 @@ def run_metrics(scenario: Scenario, run: LevitationRun) -> RunMetrics:
         float(np.abs(run.currents).max(initial=0.0)),
         *_end(scenario, run),
         run.iron,
+        *_heat(run),
     )
+
+
+def _heat(run: LevitationRun) -> tuple[float | None, float | None]:
+    """Highest temperature of a winding, degC, and when the first one was too hot, s."""
+    if run.windings is None or not (run.temperatures != run.temperatures[:1]).any():
+        return None, None
+    times = run.windings.too_hot[np.isfinite(run.windings.too_hot)]
+    return float(run.temperatures.max()), float(times.min()) if len(times) else None
 
 
 def _of_axis(
