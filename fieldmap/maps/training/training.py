@@ -36,8 +36,9 @@ from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 
 # Allowed error of a state's field by the number of fields of the map, as a multiple of the accuracy: with the fields of
-# the recipe, and if these are too few, with up to `_MOST_FIELDS`.
-_FIELDS, _FIELDS_AT_MOST, _MOST_FIELDS = 0.05, 0.3, 100
+# the recipe, and if these are too few, with up to `_MOST_FIELDS`, or `_FIELDS_PER_SIGNAL` for each signal: iron far from
+# saturation needs one field for each current already.
+_FIELDS, _FIELDS_AT_MOST, _MOST_FIELDS, _FIELDS_PER_SIGNAL = 0.05, 0.3, 100, 2
 # Fields with a smaller share of any state are rough. They make the interpolation error of the map larger than they make
 # the error of the model smaller.
 _ROUGH_FIELDS = 1e-4
@@ -327,8 +328,12 @@ def _fields_of_map(reduction: Reduction, domain: CurrentDomain, plan: Plan) -> t
         return found
     # If the fields of the recipe leave a considerable error, the map gets more of them.
     leave = max(_FIELDS_AT_MOST * plan.accuracy, _ROUGH_FIELDS)
-    more = output_fields(amplitudes, rows, _MOST_FIELDS, leave)
+    more = output_fields(amplitudes, rows, _most_fields(domain), leave)
     return max(found, more, key=lambda both: len(both[1]))
+
+
+def _most_fields(domain: CurrentDomain) -> int:
+    return max(_MOST_FIELDS, _FIELDS_PER_SIGNAL * domain.parametrisation.signal_count)
 
 
 def condense(
@@ -388,7 +393,7 @@ def _error_parts(training: Training, reduction: Reduction, condensed: CondensedA
         "states": (training.taken, training.at_its_end),
         "modes": (modes, modes >= max(training.most_modes, most_modes_of(training.domain))),
         "points": (len(reduction.sampled.weights), not (reduction.points.enough or reduction.in_vain)),
-        "fields": (fields, fields >= _MOST_FIELDS),
+        "fields": (fields, fields >= _most_fields(training.domain)),
     }
     return {
         "states": of_states,
