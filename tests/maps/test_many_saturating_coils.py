@@ -3,6 +3,7 @@
 import importlib
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from fieldmap.maps.training import room
 from fieldmap.maps.training.currents import MOST_CORNERS, extreme_signals
 from fieldmap.maps.training.plan import Plan
 from fieldmap.maps.training.room import coupled_groups, needs, require_room
+from fieldmap.maps.training.training import _fields_of_map
 
 SCRIPTS = Path(__file__).parents[2] / "scripts"
 COILS, MODES, ACCURACY = 16, 12, 2e-2
@@ -75,6 +77,16 @@ def test_extremes_of_two_hundred_coils_are_as_many_as_are_solved():
     assert len(signals) <= 6 * count + 3 + 128 + MOST_CORNERS
     assert (signals >= -1.0).all()
     assert (signals <= 2.0).all()
+
+
+def test_each_current_may_have_a_field_of_its_own():
+    count = 130
+    domain = CurrentDomain(IndependentCurrents(count), np.full(count, -1.0), np.full(count, 2.0))
+    modes = SimpleNamespace(amplitudes=np.eye(count))
+    fields = SimpleNamespace(rows=np.eye(count))
+    trained = SimpleNamespace(modes=modes, fields=fields, amplitudes=lambda currents: currents)
+    combination, weights = _fields_of_map(trained, domain, Plan())
+    np.testing.assert_allclose(weights.T @ combination, np.eye(count), atol=1e-9)
 
 
 def test_groups_are_those_that_couple_most():
