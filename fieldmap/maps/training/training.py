@@ -36,14 +36,15 @@ from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 
 # Allowed error of a state's field by the number of fields of the map, as a multiple of the accuracy: with the fields of
-# the recipe, and if these are too few, with up to `_MOST_FIELDS`, or `_FIELDS_PER_SIGNAL` for each signal: iron far from
-# saturation needs one field for each current already.
+# the recipe, and if these are too few, with up to `_MOST_FIELDS`, or `_FIELDS_PER_SIGNAL` for each signal: iron that
+# does not saturate needs one for each current already.
 _FIELDS, _FIELDS_AT_MOST, _MOST_FIELDS, _FIELDS_PER_SIGNAL = 0.05, 0.3, 100, 2
 # Fields with a smaller share of any state are rough. They make the interpolation error of the map larger than they make
 # the error of the model smaller.
 _ROUGH_FIELDS = 1e-4
 _SEARCHED = "searched for"
-# Of solves whose flux linkages are compared with the solver's; number of states at which inductances are.
+# Of solves whose flux linkages are compared with the solver's; number of states at which inductances are, if the recipe
+# does not ask for them.
 _EXACT_LINKAGE, _INDUCTANCES = 1e-8, 4
 # Most repetitions of the training with states of the search for the worst currents, and with states of the search of
 # the condensed model.
@@ -150,7 +151,9 @@ def train(
         "condensed_from": {"modes": trained.modes, "points": len(trained.weights), "changed": few.changed},
     }
     random = found.tried["at random"]
-    about["linkage_error"] = linkage_error(few.model, (modes.currents, amplitudes), solver, random)
+    about["linkage_error"] = linkage_error(
+        few.model, (modes.currents, amplitudes), solver, random, plan.inductance
+    )
     largest = _largest_weights(domain, few.model, found.output, modes.currents)
     return Trained(model, few.model.remanent, found.charge, largest, about)
 
@@ -407,7 +410,11 @@ def _error_parts(training: Training, reduction: Reduction, condensed: CondensedA
 
 
 def linkage_error(
-    model: GalerkinModel, known: tuple[Array, Array], solver: NonlinearSolver, tried: Snapshots
+    model: GalerkinModel,
+    known: tuple[Array, Array],
+    solver: NonlinearSolver,
+    tried: Snapshots,
+    inductance: bool = False,
 ) -> dict[str, float]:
     """Errors of a model's flux linkages and inductances at solved states.
 
@@ -421,6 +428,8 @@ def linkage_error(
         Of the whole iron.
     tried
         The states.
+    inductance
+        Whether inductances are compared at all states, or at the first four.
 
     Returns
     -------
@@ -436,7 +445,7 @@ def linkage_error(
         moments = model.moments(currents, amplitude)
         ours = (model.sums(moments)[model.modes :] + model.remanent) / MU0
         shares.append(_off(ours, solver.iron_linkage(currents, potential)))
-        if len(of_inductance) < _INDUCTANCES:
+        if inductance or len(of_inductance) < _INDUCTANCES:
             slopes = model.factor_and_slopes(currents, amplitude)[1]
             ours = model.inductance(currents, amplitude, slopes) / MU0
             of_inductance.append(_off(ours, solver.iron_inductance(currents, potential)[one, other]))
