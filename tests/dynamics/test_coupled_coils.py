@@ -257,7 +257,6 @@ def test_iron_is_solved_only_as_often_as_its_tolerance_asks(saturating, toleranc
         misses.append(bench.currents - row)
         pulls.append(bench.load - saturating.wrench(place, moment, bench.currents))
     assert np.ptp(wanted, axis=0).max() > 0.03 * largest
-    print(bench.core.solves.solves - before, np.abs(misses).max()/largest/tolerance, np.abs(pulls).max() / np.abs(bench.load).max()/tolerance)
     assert np.abs(misses).max() < 2.0 * tolerance * largest
     assert np.abs(pulls).max() < 10.0 * tolerance * np.abs(bench.load).max()
     assert bench.core.solves.solves - before < 300
