@@ -25,8 +25,8 @@ enum {
 /* Newton steps of a step in time; rounds for what limits hold in one of them, and the first of them, for all coils at once. */
 enum { FIELDMAP_ELECTRICAL_STEPS = 12, FIELDMAP_LIMIT_ROUNDS = 64, FIELDMAP_TOGETHER_ROUNDS = 8 };
 
-/* How far currents stray by the tangent until the iron is solved again, over the domain of the iron. */
-#define FIELDMAP_STRAY 5e-5
+/* How far currents stray by the tangent at most until the iron is solved again, over the domain of the iron. */
+#define FIELDMAP_STRAY 0.02
 
 /* A coil and its drive. resistance: ohm, at the reference temperature; lower, upper: V, of the supply; proportional, V/A,
  * integral, V/(A s): gains of a current controller, both 0 of a source of voltage; current_lower, current_upper: A, where a
@@ -46,16 +46,17 @@ enum { FIELDMAP_COIL = 15 };
  * voltage: mean of the last step, V; heat, input: J, so far; temperature, degC; source: see the enumeration. known: whether
  * the linkages are those of a run. counted: heat by the last fieldmap_warm.
  *
- * strayed: how far the currents are from those at which saturating iron was solved. resistance: at the temperature; met: linkages of coils and iron at the currents; tangent[n * n]: incremental inductances at
- * currents `at`, slopes[fields * n]: derivatives of the weights there; factor: of the matrix of a step of length `step`, 0
- * for none. along: the payload in each field. The rest is room. */
+ * strayed: how far the currents are from those at which saturating iron was solved; reach: how far they may, A, below 0 where
+ * it was not. resistance: at the temperature; met: linkages of coils and iron at the currents; tangent[n * n]: incremental
+ * inductances at currents `at`, slopes[fields * n]: derivatives of the weights there; factor: of the matrix of a step of length
+ * `step`, 0 for none. along: the payload in each field. The rest is room. */
 typedef struct fieldmap_electrical {
     int n, fields, known;
     double step, largest;
     const fieldmap_coil *coils;
     fieldmap_linkage linear;
     double *linkage, *integral, *asked, *voltage, *heat, *input, *temperature, *source, *counted, *strayed, *resistance;
-    double *met, *at, *guess, *change, *right, *given, *gain, *total, *moved, *before, *tangent, *factor, *slopes, *along, *each;
+    double *met, *at, *guess, *change, *right, *given, *gain, *total, *moved, *before, *tangent, *factor, *slopes, *along, *each, *reach;
     int64_t tangents, steps;
 } fieldmap_electrical;
 
@@ -64,7 +65,7 @@ enum { FIELDMAP_ELECTRICAL_ARRAYS = 21, FIELDMAP_ELECTRICAL_STATE = 8 };
 
 static inline size_t fieldmap_electrical_room(int n, int fields)
 {
-    return (size_t)n * (FIELDMAP_ELECTRICAL_ARRAYS + 2 * (size_t)n + (size_t)fields) + 4 * (size_t)fields;
+    return (size_t)n * (FIELDMAP_ELECTRICAL_ARRAYS + 2 * (size_t)n + (size_t)fields) + 4 * (size_t)fields + 1;
 }
 
 /* Lay out the arrays in memory of fieldmap_electrical_room() numbers that are zero. */
@@ -78,7 +79,7 @@ static inline void fieldmap_electrical_start(fieldmap_electrical *e, double *mem
     int k;
     for (k = 0; k < FIELDMAP_ELECTRICAL_ARRAYS; k++, memory += n) *arrays[k] = memory;
     e->tangent = memory, e->factor = e->tangent + n * n, e->slopes = e->factor + n * n;
-    e->along = e->slopes + n * (size_t)e->fields, e->each = e->along + e->fields;
+    e->along = e->slopes + n * (size_t)e->fields, e->each = e->along + e->fields, e->reach = e->each + 3 * e->fields;
     for (k = 0; k < e->n; k++) e->temperature[k] = e->coils[k].ambient;
 }
 
@@ -431,6 +432,21 @@ static inline double fieldmap_short_along(const fieldmap_electrical *e, const do
     return sum;
 }
 
+/* After a solve, to which the currents strayed by the tangent, set their reach. What the tangent misses grows with the square of
+ * the way: the next one is as long as the tangent may miss half of the tolerance of the iron, over its domain, and at most
+ * twice as long. */
+static inline void fieldmap_set_reach(fieldmap_electrical *e, const double *currents, double h, double tolerance)
+{
+    const double allowed = 0.5 * tolerance * e->largest;
+    double missed = 0.25 * allowed, far = 0.0;
+    int k;
+    for (k = 0; k < e->n; k++) e->right[k] = fieldmap_wanted_linkage(e, k, currents[k], e->guess[k], h) - e->total[k];
+    fieldmap_solve_step(e, e->right);
+    for (k = 0; k < e->n; k++)
+        missed = fmax(missed, fabs(e->right[k])), far = fmax(far, fabs(e->strayed[k] + e->change[k]));
+    *e->reach = fmin(FIELDMAP_STRAY * e->largest, far * sqrt(allowed / missed));
+}
+
 /* A step whose currents stay so near to those at which the iron was solved that the tangent has its linkages and weights. 0 for
  * another. */
 static inline int fieldmap_step_by_tangent(fieldmap_electrical *e, fieldmap_superposition *of, const fieldmap_path *field,
@@ -442,7 +458,7 @@ static inline int fieldmap_step_by_tangent(fieldmap_electrical *e, fieldmap_supe
     for (k = 0; k < n; k++) e->right[k] = e->linkage[k] - e->total[k];
     fieldmap_change_of_currents(e, currents, h);
     for (k = 0; k < n; k++) far = fmax(far, fabs(e->strayed[k] + e->change[k]));
-    if (!(far <= FIELDMAP_STRAY * e->largest)) return 0;
+    if (!(far <= *e->reach)) return 0;
     for (k = 0; k < n; k++) {
         e->strayed[k] += e->change[k];
         e->guess[k] = currents[k] + e->change[k];
@@ -465,21 +481,21 @@ static inline int fieldmap_drive_coils(fieldmap_electrical *e, fieldmap_superpos
                                        const double *commands, double h, double *currents, double *weights, int *held, int *within)
 {
     const int n = e->n, saturating = of->iron != NULL, on_path = of->on_path, exact = !saturating && body->n_soft == 0;
+    /* Iron with hysteresis is led along the whole path, and soft iron of the payload follows the field. */
+    const int straying = saturating && body->n_soft == 0 && of->iron->map->n_cells == 0;
     const int64_t unsolved = of->unsolved;
     double left = 0.0, moved = 0.0, start, end, share;
     int k, j, step, trial, turned, met = 0, status = fieldmap_payload_along(field, body, place, r, of->scale, e->fields, e->along);
     if (status != FIELDMAP_OK) return status;
     fieldmap_ask(e, commands, h);
     fieldmap_total_linkages(e, saturating, e->total);
-    /* Iron with hysteresis is led along the whole path, and soft iron of the payload follows the field. */
-    if (saturating && body->n_soft == 0 && of->iron->map->n_cells == 0
-        && fieldmap_step_by_tangent(e, of, field, currents, h, weights, within)) {
+    if (straying && fieldmap_step_by_tangent(e, of, field, currents, h, weights, within)) {
         fieldmap_take_step(e, h, currents, held);
         return status;
     }
     for (k = 0; k < n; k++) e->change[k] = e->moved[k] = 0.0;
     for (step = 0; step < FIELDMAP_ELECTRICAL_STEPS && !met && status == FIELDMAP_OK; step++) {
-        if (step > 1 && left > 0.2) fieldmap_make_tangent(e, of->iron, field, body, place, r, of->scale, e->guess);
+        if (step > !straying && left > 0.2) fieldmap_make_tangent(e, of->iron, field, body, place, r, of->scale, e->guess);
         for (k = 0; k < n; k++)
             for (j = 0, e->right[k] = e->linkage[k] - e->total[k]; j < n; j++)
                 e->right[k] += e->tangent[k * n + j] * e->change[j];
@@ -517,10 +533,12 @@ static inline int fieldmap_drive_coils(fieldmap_electrical *e, fieldmap_superpos
         }
         if (exact || (saturating && of->unsolved != unsolved)) break;
         met = fieldmap_step_met(e, currents, h, saturating ? of->iron->tolerance : 1e-9, &left);
-        if (left > 1e-3) fieldmap_learn_tangent(e, e->before, e->moved);
+        if (straying && step == 0) fieldmap_set_reach(e, currents, h, of->iron->tolerance);
+        if (!straying && left > 1e-3) fieldmap_learn_tangent(e, e->before, e->moved);
         for (k = 0; k < n; k++) e->moved[k] = e->change[k];
     }
-    for (k = 0; k < n; k++) e->strayed[k] = saturating && of->unsolved != unsolved ? INFINITY : 0.0;
+    if (saturating && of->unsolved != unsolved) *e->reach = -1.0;
+    for (k = 0; k < n; k++) e->strayed[k] = 0.0;
     for (k = 0; k < n && saturating; k++) moved = fmax(moved, fabs(e->guess[k] - e->at[k]));
     if (moved > 0.001 * e->largest) fieldmap_make_tangent(e, of->iron, field, body, place, r, of->scale, e->guess);
     if (saturating && on_path && of->iron->map->n_cells > 0) fieldmap_iron_step(of->iron, e->guess);
