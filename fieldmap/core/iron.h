@@ -22,7 +22,7 @@ enum { FIELDMAP_IRON_BEYOND = 32, FIELDMAP_IRON_NOT_CONVERGED = 33, FIELDMAP_IRO
 enum {
     FIELDMAP_IRON_STEPS = 60, FIELDMAP_IRON_PAIRS = 12, FIELDMAP_IRON_PASSED = 3, FIELDMAP_IRON_LANES = 16,
     FIELDMAP_IRON_TILE = 4, FIELDMAP_IRON_POINTS = 16, FIELDMAP_IRON_TOGETHER = 256, FIELDMAP_IRON_SIZES = 20,
-    FIELDMAP_IRON_MAX_SIGNALS = 64, FIELDMAP_IRON_MAX_DEGREE = 30
+    FIELDMAP_IRON_MAX_SIGNALS = 256, FIELDMAP_IRON_MAX_DEGREE = 30
 };
 
 /* A map of saturating iron; treat it as read-only. fields: the fields of the coils, the iron and a background; their weighted
@@ -298,24 +298,30 @@ static inline int fieldmap_iron_signals(const fieldmap_iron *map, const double *
     return inside;
 }
 
+/* The Chebyshev polynomial of a degree, at x. */
+static inline double fieldmap_chebyshev(int degree, double x)
+{
+    double before = x, here = 1.0, next;
+    for (; degree > 0; degree--) next = 2.0 * x * here - before, before = here, here = next;
+    return here;
+}
+
 /* Fill the first guess a[] of the amplitudes: a Chebyshev expansion at the signals, moved into the domain if they lie outside.
  * */
 static inline void fieldmap_iron_expand(const fieldmap_iron *map, fieldmap_iron_state *s, const double *values, double *a)
 {
-    double t[FIELDMAP_IRON_MAX_SIGNALS][FIELDMAP_IRON_MAX_DEGREE + 1];
-    int i, j, m, n;
+    double x[FIELDMAP_IRON_MAX_SIGNALS];
+    int i, j, m;
     for (j = 0; j < map->n_signals; j++) {
         double width = map->upper[j] - map->lower[j];
-        double x = width > 0.0 ? fmin(fmax(2.0 * (values[j] - map->lower[j]) / width - 1.0, -1.0), 1.0) : 0.0;
-        t[j][0] = 1.0, t[j][1] = x;
-        for (n = 2; n <= FIELDMAP_IRON_MAX_DEGREE; n++) t[j][n] = 2.0 * x * t[j][n - 1] - t[j][n - 2];
+        x[j] = width > 0.0 ? fmin(fmax(2.0 * (values[j] - map->lower[j]) / width - 1.0, -1.0), 1.0) : 0.0;
     }
     for (m = 0; m < map->wide; m++) s->single[m] = 0.0f;
     for (i = 0; i < map->n_terms; i++) {
         const double *term = map->terms + 3 * i;
         const float *row = map->expansion + (size_t)i * (size_t)map->wide;
         float share;
-        s->products[i] = i > 0 ? s->products[(int)term[0]] * t[(int)term[1]][(int)term[2]] : 1.0;
+        s->products[i] = i > 0 ? s->products[(int)term[0]] * fieldmap_chebyshev((int)term[2], x[(int)term[1]]) : 1.0;
         share = (float)s->products[i];
         for (m = 0; m < map->wide; m++) s->single[m] += share * row[m];
     }

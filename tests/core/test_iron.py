@@ -9,8 +9,9 @@ from scipy.optimize import root
 
 from fieldmap.core.iron import BEYOND, FOUND, NOT_FINITE, CoreIron
 from fieldmap.core.iron_numbers import core_numbers
+from fieldmap.currents import IndependentCurrents
 from fieldmap.lookup.current_solver import compiled_model, degrees_of, expansion_terms
-from tests.core.iron_cases import CASES, drawn, residual
+from tests.core.iron_cases import CASES, drawn, model, residual
 
 
 @cache
@@ -45,6 +46,16 @@ def test_the_equation_holds(case):
         assert np.abs(found - exact).max() < 1e-11 * np.abs(exact).max()
         expected = [*currents, *(of.output @ found), *([1.0] if of.fixed.size else [])]
         np.testing.assert_allclose(weights, expected, rtol=1e-12, atol=1e-14 * np.abs(weights).max())
+
+
+def test_the_equation_holds_at_two_hundred_currents():
+    of = model(IndependentCurrents(200), np.full(200, -0.1), np.full(200, 0.1))
+    state = CoreIron(core_numbers(compiled_model(of, checked=True))).state()
+    for currents in drawn(of, 3):
+        status, weights = weights_of(of, state, currents, 1e-13)
+        assert status == FOUND
+        exact = root(lambda a, i=currents: residual(of, a, i), state.amplitudes, tol=1e-15).x
+        np.testing.assert_allclose(weights[200:], of.output @ exact, atol=1e-11 * np.abs(weights).max())
 
 
 def test_lookups_are_as_exact_as_their_tolerance_and_begin_from_nothing_where_asked(case):
