@@ -120,6 +120,14 @@ def test_what_a_training_needs_grows_with_coils_and_is_that_of_its_tangents_on_t
     assert not few.within(few.memory, 0.99 * few.disk)
 
 
+def test_more_coils_than_a_lookup_takes_are_refused():
+    count = 257
+    domain = CurrentDomain(IndependentCurrents(count), np.full(count, -1.0), np.full(count, 2.0))
+    with pytest.raises(InputError) as raised:
+        require_room(None, domain, Plan(), lambda signals: 60, ENOUGH)
+    assert (raised.value.problems[0].where, raised.value.problems[0].received) == ("currents", "257")
+
+
 def test_a_domain_without_room_is_refused_before_a_state_is_solved_with_groups_that_have_room(
     device, tmp_path, monkeypatch
 ):

@@ -29,6 +29,8 @@ _STATES = 45
 _OF_NODES, _OF_POINTS, _POINTS_PER_NODE = 6, 3, 2.75
 # States whose conditions on sample points are in memory.
 _CONDITIONS = 32
+# As many as the core looks up (FIELDMAP_IRON_MAX_SIGNALS, and the sizes of a model in core/iron.h).
+_MOST_COILS = 256
 # Solver, mesh and libraries, bytes.
 _BASE = 4e8
 # Time of a training over that of one linear solve for all coils: 64 coils took 254 s and 1 s.
@@ -104,9 +106,13 @@ def require_room(
     Raises
     ------
     InputError
-        If memory or disk are too small. It names groups of coils with which they would be large enough.
+        If memory or disk are too small. It names groups of coils with which they would be large enough. If there are
+        more coils than the core looks up.
     """
     coils, signals = domain.parametrisation.coil_count, domain.parametrisation.signal_count
+    if coils > _MOST_COILS:
+        must_hold = f"maps of saturating iron have at most {_MOST_COILS} coils"
+        raise InputError(AtKey("currents", must_hold, f"{coils}", 'make a map with iron.model = "linear"'))
     memory = memory_bytes() or float("inf")
 
     def of(count: int) -> Needs:
