@@ -43,7 +43,7 @@ def runs(tmp_path_factory):
     """The same command without --accept-error, with it, without it and with it; what was there after each."""
     folder = tmp_path_factory.mktemp("accepted")
     recipe, target = write_few_states(folder), folder / "map.h5"
-    solves, solve = [], NonlinearSolver.solve
+    solves, solve = [], NonlinearSolver.solve_potential
 
     def counted(*arguments, **named):
         solves.append(arguments)
@@ -58,7 +58,7 @@ def runs(tmp_path_factory):
         return done
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(NonlinearSolver, "solve", counted)
+        patch.setattr(NonlinearSolver, "solve_potential", counted)
         patch.setattr(condensation, "_STATES", 60)
         patch.setattr(generation, "certified_bounds", lambda *_: {})
         made = [run(), run("--accept-error"), run(), run("--accept-error")]

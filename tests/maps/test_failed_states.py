@@ -22,7 +22,7 @@ def failing(monkeypatch):
     monkeypatch.setattr(generation, "certified_bounds", lambda *_: {})
     monkeypatch.setattr(condensation, "_STATES", 20)
     monkeypatch.setattr(condensation, "_TRIED", 10)
-    solve = NonlinearSolver.solve
+    solve = NonlinearSolver.solve_potential
 
     def make(error_of):
         solves = []
@@ -34,7 +34,7 @@ def failing(monkeypatch):
                 raise error
             return solve(self, currents, tolerance, start)
 
-        monkeypatch.setattr(NonlinearSolver, "solve", attempt)
+        monkeypatch.setattr(NonlinearSolver, "solve_potential", attempt)
         return solves
 
     return make
@@ -126,7 +126,7 @@ def test_a_state_that_stops_the_run_leaves_those_before_it_and_the_same_map_come
             raise MemoryError
         return solve(self, currents, tolerance, start)
 
-    monkeypatch.setattr(NonlinearSolver, "solve", attempt)
+    monkeypatch.setattr(NonlinearSolver, "solve_potential", attempt)
     broken = True
     with pytest.raises(MemoryError):
         generate(few_states, stopped)

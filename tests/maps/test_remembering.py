@@ -282,12 +282,13 @@ def test_a_memory_goes_on_from_its_numbers_to_the_last_bit(opened, made):
 def test_derivatives_by_the_currents_are_those_with_the_memory_as_it_is(opened):
     memory, at = opened.step([0.8, 0.6]), np.array([0.7, 0.65])
     flux, _, by_current, _ = memory.by_currents(POINTS, at)
-    direction, left = np.array([-0.6, 0.8]), []
-    for t in (0.02, 0.01, 0.005):
-        left.append(
-            np.abs(memory.field(POINTS, at + t * direction) - flux - t * direction @ by_current).max()
-        )
-    assert np.all(np.log2(np.array(left[:-1]) / left[1:]) > 1.7)
+    direction = np.array([-0.6, 0.8])
+    slope = direction @ by_current
+    # Cells that begin to move between two steps bend the field, so that the ratio of two steps says little: measured
+    # are up to 0.35 t^2 of the slope.
+    for t in (0.02, 0.01, 0.005, 0.0025, 0.00125, 0.0006):
+        left = np.abs(memory.field(POINTS, at + t * direction) - flux - t * slope).max()
+        assert left < t**2 * np.abs(slope).max()
 
 
 def test_a_simulation_leads_the_iron_and_a_search_does_not(opened):

@@ -31,11 +31,12 @@ class LinearIron:
     def __init__(self, stops=None):
         self.solved, self.stops = [], stops
 
-    def solve(self, currents, tolerance, start=None):
+    def solve_potential(self, currents, tolerance, start=None):
         if len(self.solved) == self.stops:
             raise KeyboardInterrupt
         self.solved.append(currents.tolist())
-        return SimpleNamespace(state=SimpleNamespace(potential=(POTENTIALS @ currents)[:, None]))
+        potential = POTENTIALS @ currents
+        return potential, self.air(potential)
 
     def sensitivities(self, currents, potential, directions):
         return POTENTIALS @ directions

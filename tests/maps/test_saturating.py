@@ -462,12 +462,12 @@ def test_a_stopped_run_goes_on_to_the_same_bits(data, folder, monkeypatch):
 def test_states_come_back_with_their_costs(tmp_path):
     """Unless they are of other currents; one that failed comes back with its reason."""
 
-    def solve(currents, tolerance, start):
+    def solve_potential(currents, tolerance, start):
         if currents[0] == 2.0:
             raise NotConverged(Problem("solver", "must converge", "no", "refine"))
-        return SimpleNamespace(state=SimpleNamespace(potential=np.arange(3.0)[:, None]))
+        return np.arange(3.0), np.zeros(3)
 
-    solver = Common.of(SimpleNamespace(solve=solve))
+    solver = Common.of(SimpleNamespace(solve_potential=solve_potential))
     wanted = [Wanted(0, np.array([1.0])), Wanted(1, np.array([2.0]))]
     with Checkpoint(tmp_path / "a.partial", "one") as checkpoint, Workers() as workers:
         first = SolvedStates(checkpoint, solver, workers)

@@ -50,11 +50,16 @@ class WholeBar:
     def potential(self, currents):
         return self.model.solve(np.asarray(currents, float), np.zeros(self.unknowns), 1e-10)[0]
 
-    def solve(self, currents, tolerance, start=None):
+    def solve_potential(self, currents, tolerance, start=None):
         self.solves.append((tuple(currents), tolerance, start))
         if tuple(currents) in self.fails:
             raise NotConverged(Problem("bar", "must converge", "no", "refine"))
-        state = SimpleNamespace(potential=self.potential(currents)[:, None])
+        potential = self.potential(currents)
+        return potential, self.air(potential)
+
+    def solve(self, currents, tolerance, start=None):
+        potential = self.solve_potential(currents, tolerance, start)[0]
+        state = SimpleNamespace(potential=potential[:, None])
         return SimpleNamespace(state=state, report=Report(tuple(currents)))
 
     def sensitivities(self, currents, potential, directions):

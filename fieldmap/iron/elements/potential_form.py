@@ -156,6 +156,15 @@ class PotentialState(Record):
     iron: IronState
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class SolvedPotential(Record):
+    """Nodal potential (n, 1) of one source, the exterior's S times it (n, 1), and the residuals of all steps."""
+
+    potential: Array
+    air: Array
+    residuals: tuple[float, ...]
+
+
 class ConvexForm:
     """One mesh with elements of either family, nodal or flux: Krylov and Newton on R. name: of the form, for reports;
     elements: they also define the type of the coil field inside the iron, `field`."""
@@ -186,7 +195,7 @@ class ConvexForm:
         right = np.column_stack([self._residual(zero, field, c, material) for c in sources])
         potential, history = self._linear_solver(stiffness, material, tolerance)(right)
         residuals = require_convergence(type(self).__name__, history, tolerance)
-        return self._state(potential, field, material, residuals)
+        return self.state(potential, field, material, residuals)
 
     def magnetised(self, tangent: csr_matrix, material: Magnetisation, tolerance: float) -> Magnetised:
         """How a state with this tangent answers small fields that have a potential. The air to three digits, symmetric
@@ -208,6 +217,13 @@ class ConvexForm:
     def solve(
         self, material: Magnetisation, field: Any, tolerance: float, start: Array | None = None
     ) -> PotentialState:
+        """The state of `solve_potential`."""
+        found = self.solve_potential(material, field, tolerance, start)
+        return self.state(found.potential, field, material, found.residuals)
+
+    def solve_potential(
+        self, material: Magnetisation, field: Any, tolerance: float, start: Array | None = None
+    ) -> SolvedPotential:
         """One source of nonlinear iron, by Newton with exact line search from `start` (n, 1). Raises NotConverged."""
         phi = np.zeros(self.elements.count) if start is None else start[:, 0].copy()
         scale, residuals = 0.0, []
@@ -223,7 +239,7 @@ class ConvexForm:
                 norm = _energy_norm(right, factor.solve(right))
                 if norm < tolerance * scale:
                     residuals.append(norm / scale)
-                    return self._state(phi[:, None], field, material, tuple(residuals))
+                    return SolvedPotential(phi[:, None], air[:, None], tuple(residuals))
             entries = self._tangent_entries(phi, field, material)
             factor = self._factor(entries)
             first = factor.solve(right)
@@ -234,7 +250,7 @@ class ConvexForm:
                 scale = _energy_norm(drive, factor.solve(drive)) or 1.0
             residuals.append(norm / scale)
             if residuals[-1] < tolerance:
-                return self._state(phi[:, None], field, material, tuple(residuals))
+                return SolvedPotential(phi[:, None], air[:, None], tuple(residuals))
             stiffness = self._sums.matrix(entries)
 
             def operator(x: Array, factor: SparseFactor = factor, stiffness: csr_matrix = stiffness) -> Array:
@@ -350,7 +366,10 @@ class ConvexForm:
         """The field within elements; at_points: the field at their points, linear between them."""
         return at_points
 
-    def _state(self, potential: Array, field: Any, material: Magnetisation, residuals) -> PotentialState:
+    def state(
+        self, potential: Array, field: Any, material: Magnetisation, residuals: tuple[float, ...]
+    ) -> PotentialState:
+        """The state of nodal potentials (n, c) in a field, with its charges and flux densities."""
         strength = self.elements.strength_at_points(potential, field, material)
         flux_density = material.flux_density(strength)
         largest = np.linalg.norm(strength, axis=3).max(axis=2)

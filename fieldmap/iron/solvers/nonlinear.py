@@ -28,6 +28,7 @@ from fieldmap.iron.elements.potential_form import (
     Magnetised,
     PotentialForm,
     PotentialState,
+    SolvedPotential,
     iron_differential_inductance,
     linkage_and_coenergy,
 )
@@ -56,9 +57,9 @@ _TOLERANCE_ON_THE_WAY = 1e-4
 
 def solve_with_continuation(
     form: PotentialForm, material: Magnetisation, field: CoilField, tolerance: float, start: Array | None
-) -> tuple[PotentialState, tuple[float, ...]]:
-    """The state in the coils' field, and the shares of the field that were solved on the way to it; no shares if Newton
-    converged without them.
+) -> tuple[SolvedPotential, tuple[float, ...]]:
+    """The potential in the coils' field, and the shares of the field that were solved on the way to it; no shares if
+    Newton converged without them.
 
     Tries Newton from `start` (n, 1), then from zero, then in steps of field and remanence. Raises NotConverged with all
     residuals once none of these has succeeded.
@@ -67,7 +68,7 @@ def solve_with_continuation(
     begins: tuple[Array | None, ...] = (None,) if start is None else (start, None)
     for begin in begins:
         try:
-            return form.solve(material, field, tolerance, begin), ()
+            return form.solve_potential(material, field, tolerance, begin), ()
         except NotConverged as error:
             residuals += error.residuals
     reached, step = 0.0, _FIRST_STEP
@@ -79,15 +80,15 @@ def solve_with_continuation(
         begin = None if potential is None else potential * (share / reached)
         wanted = tolerance if share == 1.0 else max(tolerance, _TOLERANCE_ON_THE_WAY)
         try:
-            state = form.solve(part, field.combined(np.array([[share]])), wanted, begin)
+            found = form.solve_potential(part, field.combined(np.array([[share]])), wanted, begin)
         except NotConverged as error:
             residuals += error.residuals
             step = 0.5 * step
             continue
         shares.append(share)
         if share == 1.0:
-            return state, tuple(shares)
-        reached, step, potential = share, 2 * step, state.potential
+            return found, tuple(shares)
+        reached, step, potential = share, 2 * step, found.potential
     where = "iron solver, Newton and continuation in the currents"
     must_hold = f"the residual must fall to {tolerance:g}"
     last = f"last residual {residuals[-1]:.2e} after {len(residuals)} steps in all"
@@ -356,13 +357,12 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
         """
         values = np.array(coil_currents(currents, self.coil_names))
         check_arguments("solve", tolerance)
-        field = self.coil_field(values)
         stages = Stages(self._progress)
         stages.next("Newton iteration", 0.6)
         begin = start.state.potential if isinstance(start, NonlinearSolution) else start
-        begin = begin if begin is None else begin.reshape(-1, 1)
-        residual = tolerance * _RESIDUAL_PER_TOLERANCE
-        state, shares = solve_with_continuation(self._form, self._material, field, residual, begin)
+        found, shares = self._solve_potential(values, tolerance, begin)
+        field = self.coil_field(values)
+        state = self._form.state(found.potential, field, self._material, found.residuals)
         stages.done()
         seconds = stages.seconds if start is not None else self._seconds | stages.seconds
         report = self._report(state, seconds, shares)
@@ -371,6 +371,41 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
         iron = (state, *self._linkage_and_coenergy(field, state.potential))
         around: dict[str, Any] = {"bounds": device.bounds, "background": device.background}
         return NonlinearSolution(*about, *iron, **around, origin=self._origin)
+
+    def solve_potential(
+        self, currents: Array, tolerance: float = 1e-3, start: Array | None = None
+    ) -> tuple[Array, Array]:
+        """As `solve`, without what follows from the potential: charges, flux densities, linkages and the report.
+
+        Parameters
+        ----------
+        currents
+            (c,), A.
+        tolerance
+            Bounds the algebraic error.
+        start
+            Nodal potential (n,) from which Newton's method begins; from zero if None.
+
+        Returns
+        -------
+        tuple[Array, Array]
+            The nodal potential (n,), and the result of `air` for it.
+
+        Raises
+        ------
+        NotConverged
+            With the residual history, once the steps have failed too.
+        """
+        found = self._solve_potential(currents, tolerance, start)[0]
+        return np.ascontiguousarray(found.potential[:, 0]), np.ascontiguousarray(found.air[:, 0])
+
+    def _solve_potential(
+        self, currents: Array, tolerance: float, start: Array | None
+    ) -> tuple[SolvedPotential, tuple[float, ...]]:
+        begin = None if start is None else start.reshape(-1, 1)
+        residual = tolerance * _RESIDUAL_PER_TOLERANCE
+        field = self.coil_field(currents)
+        return solve_with_continuation(self._form, self._material, field, residual, begin)
 
     @property
     def unknowns(self) -> int:

@@ -399,10 +399,12 @@ def project(
 
     rows = 12 * len(gradients)
     gradients, weights = gradients.reshape(rows, -1), np.repeat(0.25 * elements.volume, 4)
-    weighted = np.repeat(weights, 3)[:, None] * gradients
-    air = gradients.T @ weighted + basis.T @ of_air
+    # With both factors the same array, the product takes half the time.
+    roots = np.sqrt(np.repeat(weights, 3))
+    rooted = roots[:, None] * gradients
+    air = rooted.T @ rooted + basis.T @ of_air
     remanence = np.repeat(material.remanence[0], 4, axis=0).reshape(-1)
-    constant = weighted.T @ remanence
+    constant = rooted.T @ (roots * remanence)
     fixed = None if background is None else at_points(background).reshape(rows)
     law, source = (np.repeat(material.law, 4), material.tables), at_points(unit).reshape(rows, -1)
     remanent = source.T @ (np.repeat(weights, 3) * remanence)

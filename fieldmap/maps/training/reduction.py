@@ -11,12 +11,13 @@ from fieldmap.maps.training.model_error import ModeFields, larger
 from fieldmap.maps.training.modes import SolvedModes, solved_from
 from fieldmap.maps.training.sampling import Sampled
 from fieldmap.maps.training.states import Snapshots
+from fieldmap.parallel import results_of
 from fieldmap.records import Record
 from fieldmap.store import ReducedModel
 from fieldmap.typing import Array
 
-# Number of currents whose residuals are computed at a time, and so of nodal potentials in memory.
-_RANKED = 64
+# Number of currents whose residuals one thread computes at a time, and so of nodal potentials in its memory.
+_RANKED = 16
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -59,14 +60,15 @@ class Reduction(Record):
         It is the relative change of the field by one Newton step of the whole iron, with the residual at all points and
         the tangent of unsaturated iron. It compares currents with each other; it is no estimate of the error.
         """
-        parts = []
-        for first in range(0, len(currents), _RANKED):
-            some = currents[first : first + _RANKED]
-            amplitudes = self.amplitudes(some)
-            potential, air = self.modes.basis @ amplitudes.T, self.modes.air @ amplitudes.T
+        amplitudes = self.amplitudes(currents)
+
+        def of(first: int) -> Array:
+            some, own = currents[first : first + _RANKED], amplitudes[first : first + _RANKED]
+            potential, air = self.modes.basis @ own.T, self.modes.air @ own.T
             change = self.solver.charge_density(self.solver.corrections(some, potential, air))
-            parts.append(larger(self.fields.trial.shares(some, amplitudes @ self.charge, change)))
-        return np.concatenate(parts)
+            return larger(self.fields.trial.shares(some, own @ self.charge, change))
+
+        return np.concatenate(list(results_of(of, range(0, len(currents), _RANKED))))
 
     def off(self, tried: Snapshots) -> Array:
         """Errors (s,) at solved states."""

@@ -313,9 +313,9 @@ def _key(number: int) -> str:
 
 def _solved(solver: NonlinearSolver, item: tuple[Array, float, Array | None, Array | None]) -> Solved:
     currents, tolerance, start, directions = item
-    potential = np.ascontiguousarray(solver.solve(currents, tolerance, start=start).state.potential[:, 0])
+    potential, air = solver.solve_potential(currents, tolerance, start)
     if directions is None:
         nothing = np.zeros((len(potential), 0))
         return Solved(potential, nothing, nothing)
     tangents = solver.sensitivities(currents, potential, directions)
-    return Solved(potential, tangents, solver.air(np.column_stack([potential, tangents])))
+    return Solved(potential, tangents, np.column_stack([air, solver.air(tangents)]))

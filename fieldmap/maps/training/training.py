@@ -30,6 +30,7 @@ from fieldmap.maps.training.room import require_room
 from fieldmap.maps.training.search import ExtremesTried, allowed, search_condensed, search_worst, try_extremes
 from fieldmap.maps.training.sequence import Training, modes_at_first, most_modes_of
 from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates, Stored
+from fieldmap.parallel import results_of
 from fieldmap.progress import Forecast
 from fieldmap.records import Record
 from fieldmap.store import ReducedModel
@@ -437,20 +438,27 @@ def linkage_error(
         share: largest error of a linkage that the iron adds, relative to the largest of the state, at `states` states;
         inductance_share: the same of inductances, at the first `inductance_states` of them.
     """
-    shares: list[float] = []
-    of_inductance: list[float] = []
-    amplitudes = solved_from(model, known, tried.currents, _EXACT_LINKAGE)
-    one, other = np.triu_indices(len(tried.currents[0]))
-    for currents, amplitude, potential in zip(tried.currents, amplitudes, tried.potentials.T, strict=True):
-        moments = model.moments(currents, amplitude)
-        ours = (model.sums(moments)[model.modes :] + model.remanent) / MU0
-        shares.append(_off(ours, solver.iron_linkage(currents, potential)))
-        if inductance or len(of_inductance) < _INDUCTANCES:
-            slopes = model.factor_and_slopes(currents, amplitude)[1]
-            ours = model.inductance(currents, amplitude, slopes) / MU0
-            of_inductance.append(_off(ours, solver.iron_inductance(currents, potential)[one, other]))
-    named = {"share": max(shares), "states": len(shares)}
-    return named | {"inductance_share": max(of_inductance), "inductance_states": len(of_inductance)}
+    states = list(zip(tried.currents, solved_from(model, known, tried.currents, _EXACT_LINKAGE), strict=True))
+    potentials, (one, other) = tried.potentials, np.triu_indices(len(tried.currents[0]))
+
+    def of_linkage(k: int) -> float:
+        currents, amplitude = states[k]
+        ours = (model.sums(model.moments(currents, amplitude))[model.modes :] + model.remanent) / MU0
+        return _off(ours, solver.iron_linkage(currents, potentials[:, k]))
+
+    def of_inductance(k: int) -> float:
+        currents, amplitude = states[k]
+        ours = model.inductance(currents, amplitude, model.factor_and_slopes(currents, amplitude)[1]) / MU0
+        return _off(ours, solver.iron_inductance(currents, potentials[:, k])[one, other])
+
+    numbers = range(len(states))
+    compared = numbers if inductance else numbers[:_INDUCTANCES]
+    return {
+        "share": max(results_of(of_linkage, numbers)),
+        "states": len(numbers),
+        "inductance_share": max(results_of(of_inductance, compared)),
+        "inductance_states": len(compared),
+    }
 
 
 def _off(ours: Array, theirs: Array) -> float:
