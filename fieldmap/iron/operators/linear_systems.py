@@ -25,6 +25,7 @@ from fieldmap.errors import NotConverged, Problem
 from fieldmap.extras import needs
 from fieldmap.kernels.iron import sparse_cholesky as kernel
 from fieldmap.records import Record
+from fieldmap.threads import in_pieces, thread_count
 from fieldmap.typing import Array, Index
 
 
@@ -79,6 +80,9 @@ def require_convergence(what: str, history: Sequence[Array | float], tolerance: 
 # is zero.
 _ZEROS = ((16, 0.6), (32, 0.25), (64, 0.1), (10**9, 0.03))
 
+# Fewest columns for which a thread goes through a factor.
+_COLUMNS_AT_ONCE = 8
+
 
 class SparseFactor:
     """Solves matrix x = right by the Cholesky factor of a matrix of the pattern `analysis`."""
@@ -95,7 +99,11 @@ class SparseFactor:
         """x with matrix x = right, for right (n,) or (n, c)."""
         a = self._analysis
         x = np.ascontiguousarray(right.reshape(len(right), -1)[a.order].T)
-        kernel.solve(a.start, a.rows, a.row_start, a.panel_start, self._panels, x)
+
+        def part(first: int, last: int) -> None:
+            kernel.solve(a.start, a.rows, a.row_start, a.panel_start, self._panels, x[first:last])
+
+        in_pieces(part, len(x), _COLUMNS_AT_ONCE, thread_count())
         out = np.empty(right.shape)
         out.reshape(len(right), -1)[a.order] = x.T
         return out

@@ -33,6 +33,7 @@ from fieldmap.iron.mesh.charged_faces import ChargedFaces
 from fieldmap.iron.symmetry import fourier_matrix, inverses, irreducible_representations, multiplication_table
 from fieldmap.kernels.iron.symmetric_product import symmetric_product
 from fieldmap.parallel import in_threads, threads_of_kernels, threads_of_linear_algebra
+from fieldmap.threads import in_pieces, thread_count
 from fieldmap.typing import Array, Index
 
 _PREFIX = {np.dtype(np.float32): "s", np.dtype(np.float64): "d"}
@@ -75,6 +76,8 @@ def _function(name: str) -> Any:
     return prototype(get_cython_function_address("scipy.linalg.cython_lapack", name))
 
 
+# Fewest columns for which a thread goes through a matrix: with fewer, the way to the memory decides.
+_COLUMNS_AT_ONCE = 8
 # Numbers that are scaled at a time: 8 MB.
 _NUMBERS_AT_ONCE = 1_000_000
 
@@ -160,7 +163,11 @@ def _product(matrix: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
     """Product of a symmetric matrix (n, n), of which the upper triangle counts, with (n, c)."""
     columns = np.ascontiguousarray(right.T, matrix.dtype)
     out = np.empty_like(columns)
-    symmetric_product(matrix, columns, out)
+
+    def part(first: int, last: int) -> None:
+        symmetric_product(matrix, columns[first:last], out[first:last])
+
+    in_pieces(part, len(columns), _COLUMNS_AT_ONCE, thread_count())
     return out.T
 
 
