@@ -86,8 +86,11 @@ def _refusal(
         if (np.abs(nearest - demand.values) <= _NEARLY * sizes).all():
             must_hold = "the demand must be within the limits of the currents"
             return demand.infeasible(must_hold, "ask for less, or widen the limits")
-        must_hold = "some currents must meet the demand, without any limits"
-        remedy = f"the nearest values that currents reach: {demand.text(nearest)}"
+        must_hold = "some currents must meet the demand, even without limits"
+        remedy = (
+            f"the nearest values that currents reach: {demand.text(nearest)}; or demand less, such as no direction or "
+            f"least field"
+        )
         return demand.infeasible(must_hold, remedy, reachable=nearest)
     binding, limits = _binding(variables, np.where(active > 0, variables.high, variables.low), active != 0)
     must_hold = f"the demand must be within the limits of the currents; these limits exclude it: {limits}"
