@@ -326,7 +326,7 @@ def _lift_table(summary: MapSummary) -> RenderableType:
     title += payload.description if payload.pieces else f"{payload.moment:.3g} A m2"
     title += f" {payload.held().removeprefix('moment ')}"
     if fit is None:
-        iron = "A per coil (linear)" if summary.domain is None else "A per coil"
+        iron = "A in every coil (linear)" if summary.domain is None else "A in every coil"
         rows = ((f"magnet at z = {1e3 * row.height:.1f} mm", _amperes(row)) for row in summary.lift)
         return page.table((title, iron), rows)
     forced = f"force x {fit.factor:.2f}, A"

@@ -69,6 +69,9 @@ class Event(Record):
     state: Array
     currents: Array
 
+    def __str__(self) -> str:
+        return f"{self.name} after {self.time:.4g} s: {self.about}"
+
 
 class PartsOfState:
     """Names for parts of `state` (..., 13)."""

@@ -107,6 +107,7 @@ def test_metrics_are_those_of_the_rows():
 def test_at_an_event_the_end_is_that_of_the_event():
     state = np.array([1e-3, 2e-3, -0.1, 0.01, 0.02, 0.03, 1.0, 0, 0, 0, 0, 0, 0])
     event = Event("fell out", "it fell", 0.035, state, np.array([1.0, -2.0]))
+    assert str(event) == "fell out after 0.035 s: it fell"
     metrics = run_metrics(SCENARIO, made(event))
     assert (metrics.end_s, metrics.event) == (0.035, "fell out")
     assert metrics.end_mm == pytest.approx((1.0, 2.0, 18.0))
