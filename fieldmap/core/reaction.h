@@ -109,6 +109,26 @@ FIELDMAP_INLINE void fieldmap_add_sets_along(
     for (k = 0; k < count; k++, sets += size) along[k] += fieldmap_product(harmonics, sets, size);
 }
 
+/* Add to along[k] row k of `count`, as fieldmap_gather fills them, along moment[3] at a spot. */
+static inline void fieldmap_add_rows_along(const fieldmap *map, const fieldmap_spot *spot, const fm_real *moment, const fm_real *rows,
+                                           int count, fm_real *along)
+{
+    int k, i;
+    if (map->kind != FIELDMAP_HERMITE) {
+        fm_real local[3];
+        fieldmap_from_middle(map, spot, local);
+        /* Of a degree that the compiler knows only the code for that degree is left. */
+        if (map->degree == 5) fieldmap_add_sets_along(moment, 5, local, rows, count, along);
+        else fieldmap_add_sets_along(moment, map->degree, local, rows, count, along);
+        return;
+    }
+    for (k = 0; k < count; k++, rows += 8 * FIELDMAP_NODE) {
+        fm_real flux[3];
+        fieldmap_field_of_row(map, rows, spot, flux, NULL);
+        for (i = 0; i < 3; i++) along[k] += moment[i] * flux[i];
+    }
+}
+
 /* Add to along[k] the field k of a map, at weight 1, along moment[3] at point[3]. All fields have weights. */
 static inline int fieldmap_add_along(const fieldmap *map, const fm_real *point, const fm_real *moment, fm_real *along)
 {
@@ -117,12 +137,7 @@ static inline int fieldmap_add_along(const fieldmap *map, const fm_real *point, 
     int k, i;
     if (status != FIELDMAP_OK) return status;
     if (map->kind != FIELDMAP_HERMITE) {
-        const fm_real *sets = fieldmap_sets_at(map, &spot, 0);
-        fm_real local[3];
-        fieldmap_from_middle(map, &spot, local);
-        /* Of a degree that the compiler knows only the code for that degree is left. */
-        if (map->degree == 5) fieldmap_add_sets_along(moment, 5, local, sets, map->n_coils, along);
-        else fieldmap_add_sets_along(moment, map->degree, local, sets, map->n_coils, along);
+        fieldmap_add_rows_along(map, &spot, moment, fieldmap_sets_at(map, &spot, 0), map->n_coils, along);
     } else {
         fieldmap own = *map;
         for (k = 0; k < map->n_coils; k++, own.coefficients += map->size) {
