@@ -28,6 +28,9 @@ enum { FIELDMAP_ELECTRICAL_STEPS = 12, FIELDMAP_LIMIT_ROUNDS = 64, FIELDMAP_TOGE
 /* How far currents stray by the tangent at most until the iron is solved again, over the domain of the iron. */
 #define FIELDMAP_STRAY 0.02
 
+/* How far they may stray in any case: so near, the tangent misses less than any tolerance. */
+#define FIELDMAP_NEAR 1e-7
+
 /* A coil and its drive. resistance: ohm, at the reference temperature; lower, upper: V, of the supply; proportional, V/A,
  * integral, V/(A s): gains of a current controller, both 0 of a source of voltage; current_lower, current_upper: A, where a
  * source of voltage stops; slope: A/s or V/s, of what is asked for. A bridge loses `loss`, V, against the current, and in
@@ -49,27 +52,31 @@ enum { FIELDMAP_COIL = 15 };
  * strayed: how far the currents are from those at which saturating iron was solved; reach: how far they may, A, below 0 where
  * it was not. resistance: at the temperature; met: linkages of coils and iron at the currents; tangent[n * n]: incremental
  * inductances at currents `at`, slopes[fields * n]: derivatives of the weights there; factor: of the matrix of a step of length
- * `step`, 0 for none. along: the payload in each field. The rest is room. */
+ * `step`, 0 for none, with inverses on its diagonal. along: the payload in each field. rows: for each of so many dipoles `points`
+ * of the payload the coefficients, `row` numbers, of the derivative of the field by each current, in the cell of the map that is
+ * one less than its number in `cells`, 0 for none. The rest is room. */
 typedef struct fieldmap_electrical {
-    int n, fields, known;
+    int n, fields, points, row, known;
     double step, largest;
     const fieldmap_coil *coils;
     fieldmap_linkage linear;
     double *linkage, *integral, *asked, *voltage, *heat, *input, *temperature, *source, *counted, *strayed, *resistance;
-    double *met, *at, *guess, *change, *right, *given, *gain, *total, *moved, *before, *tangent, *factor, *slopes, *along, *each, *reach;
+    double *met, *at, *guess, *change, *right, *given, *gain, *total, *moved, *before, *tangent, *factor, *slopes, *along, *each, *reach, *rows, *cells;
     int64_t tangents, steps;
 } fieldmap_electrical;
 
 /* Arrays of n numbers, which begin with those of the state. */
 enum { FIELDMAP_ELECTRICAL_ARRAYS = 21, FIELDMAP_ELECTRICAL_STATE = 8 };
 
-static inline size_t fieldmap_electrical_room(int n, int fields)
+/* Numbers of n coils in a map of so many fields, with a payload of so many dipoles. */
+static inline size_t fieldmap_electrical_room(int n, const fieldmap *map, int points)
 {
-    return (size_t)n * (FIELDMAP_ELECTRICAL_ARRAYS + 2 * (size_t)n + (size_t)fields) + 4 * (size_t)fields + 1;
+    const size_t coils = (size_t)n, fields = (size_t)fieldmap_sets(map), row = (size_t)fieldmap_path_row(map);
+    return coils * (FIELDMAP_ELECTRICAL_ARRAYS + 2 * coils + fields) + 4 * fields + 1 + (size_t)points * (coils * row + 1);
 }
 
 /* Lay out the arrays in memory of fieldmap_electrical_room() numbers that are zero. */
-static inline void fieldmap_electrical_start(fieldmap_electrical *e, double *memory)
+static inline void fieldmap_electrical_start(fieldmap_electrical *e, const fieldmap *map, int points, double *memory)
 {
     const size_t n = (size_t)e->n;
     double **const arrays[FIELDMAP_ELECTRICAL_ARRAYS] = {
@@ -80,6 +87,7 @@ static inline void fieldmap_electrical_start(fieldmap_electrical *e, double *mem
     for (k = 0; k < FIELDMAP_ELECTRICAL_ARRAYS; k++, memory += n) *arrays[k] = memory;
     e->tangent = memory, e->factor = e->tangent + n * n, e->slopes = e->factor + n * n;
     e->along = e->slopes + n * (size_t)e->fields, e->each = e->along + e->fields, e->reach = e->each + 3 * e->fields;
+    e->points = points, e->row = fieldmap_path_row(map), e->cells = e->reach + 1, e->rows = e->cells + points;
     for (k = 0; k < e->n; k++) e->temperature[k] = e->coils[k].ambient;
 }
 
@@ -195,6 +203,7 @@ static inline void fieldmap_make_tangent(fieldmap_electrical *e, fieldmap_iron_s
                                          const double *currents)
 {
     const size_t n = (size_t)e->n;
+    int p;
     e->tangents++;
     e->step = 0.0;
     if (iron == NULL) {
@@ -202,10 +211,63 @@ static inline void fieldmap_make_tangent(fieldmap_electrical *e, fieldmap_iron_s
     } else {
         if (fieldmap_iron_solve_at(iron, currents, iron->tolerance) != FIELDMAP_OK) return;
         fieldmap_iron_slopes_here(iron, e->slopes, NULL, e->factor, 1);
+        for (p = 0; p < e->points; p++) e->cells[p] = 0.0;
         memcpy(e->at, currents, n * sizeof(double));
         fieldmap_add_iron_inductance(&e->linear, e->factor, e->tangent);
     }
     fieldmap_add_soft_payload(e, field, body, place, r, scale);
+}
+
+/* The rows of dipole p of the payload in the cell of a spot, of number `cell`. */
+static inline const double *fieldmap_tangent_rows(fieldmap_electrical *e, const fieldmap *map, const fieldmap_spot *spot, int64_t cell,
+                                                  int p)
+{
+    const int n = e->n;
+    double *rows = e->rows + (size_t)p * (size_t)n * (size_t)e->row, *by = e->each;
+    int k, f;
+    if (e->cells[p] == (double)(cell + 1)) return rows;
+    for (k = 0; k < n; k++) {
+        for (f = 0; f < e->fields; f++) by[f] = f < n ? f == k : e->slopes[f * n + k];
+        fieldmap_gather(map, by, spot, rows + (size_t)k * (size_t)e->row);
+    }
+    e->cells[p] = (double)(cell + 1);
+    return rows;
+}
+
+/* As fieldmap_total_linkages by the tangent, of a payload without soft iron: its dipoles in the derivatives of the field by the
+ * currents. */
+static inline int fieldmap_linkages_by_tangent(fieldmap_electrical *e, const fieldmap_path *field, const fieldmap_magnetic_body *body,
+                                               const double *place, const double *r, double scale, double *total)
+{
+    const fieldmap *map = field->map;
+    const int n = e->n;
+    double *linked = e->right;
+    int p, k, status = FIELDMAP_OK;
+    for (k = 0; k < n; k++) linked[k] = 0.0;
+    for (p = 0; p < e->points && status == FIELDMAP_OK; p++) {
+        double at[3], moment[3];
+        const double *rows;
+        fieldmap_spot spot;
+        fieldmap_body_dipole(field, body, place, r, p, NULL, at, moment);
+        status = fieldmap_locate(map, at, &spot);
+        if (status != FIELDMAP_OK) break;
+        rows = fieldmap_tangent_rows(e, map, &spot, fieldmap_cell_number(map, &spot), p);
+        fieldmap_add_rows_along(map, &spot, moment, rows, n, linked);
+    }
+    for (k = 0; k < n; k++) total[k] = e->met[k] + scale * linked[k];
+    return status;
+}
+
+/* The field at the dipoles of the payload follows a change of the currents by the tangent, where the path keeps it in the cell of
+ * the rows. */
+static inline void fieldmap_path_by_tangent(const fieldmap_electrical *e, const fieldmap_path *field, const double *change)
+{
+    const size_t rows = (size_t)e->n * (size_t)e->row;
+    int p;
+    for (p = 0; p < field->points; p++) {
+        if (field->places[p] + 1 != (int64_t)e->cells[p]) field->places[p] = -1;
+        else fieldmap_add_sets(e->rows + (size_t)p * rows, e->row, e->n, change, field->rows + (size_t)p * (size_t)e->row);
+    }
 }
 
 /* Voltage that the bridge of a coil loses against a current. */
@@ -223,6 +285,7 @@ static inline int fieldmap_electrical_begin(fieldmap_electrical *e, const fieldm
 {
     int k, status;
     e->known = 1;
+    *e->reach = FIELDMAP_NEAR * e->largest;
     fieldmap_resist_warm(e);
     fieldmap_make_tangent(e, of->iron, field, body, place, r, of->scale, currents);
     fieldmap_meet(e, of->iron, currents);
@@ -252,15 +315,14 @@ static inline void fieldmap_law_of_coil(const fieldmap_electrical *e, int k, dou
                                         double *given, double *gain)
 {
     const fieldmap_coil *coil = e->coils + k;
-    const double stiff = 1e6 * (2.0 * e->tangent[k * e->n + k] / h + e->resistance[k]);
     *gain = 0.0;
     if (source == FIELDMAP_SUPPLY_HIGHEST) {
         *given = coil->upper;
     } else if (source == FIELDMAP_SUPPLY_LOWEST) {
         *given = coil->lower;
     } else if (source != FIELDMAP_ASKED) {
-        *gain = stiff;
-        *given = 0.5 * stiff * (current + (source > 0.0 ? coil->current_upper : coil->current_lower));
+        *gain = 1e6 * (2.0 * e->tangent[k * e->n + k] / h + e->resistance[k]);
+        *given = 0.5 * *gain * (current + (source > 0.0 ? coil->current_upper : coil->current_lower));
     } else if (coil->proportional == 0.0 && coil->integral == 0.0) {
         *given = e->asked[k];
     } else {
@@ -269,7 +331,7 @@ static inline void fieldmap_law_of_coil(const fieldmap_electrical *e, int k, dou
     }
 }
 
-/* Cholesky's factor of tangent + h/2 (R + gain), lower triangle. */
+/* Cholesky's factor of tangent + h/2 (R + gain), lower triangle, with the inverses of its diagonal. */
 static inline void fieldmap_factor_step(fieldmap_electrical *e, double h)
 {
     const int n = e->n;
@@ -278,7 +340,7 @@ static inline void fieldmap_factor_step(fieldmap_electrical *e, double h)
         for (j = 0; j <= i; j++) {
             double sum = e->tangent[i * n + j] + (i == j ? 0.5 * h * (e->resistance[i] + e->gain[i]) : 0.0);
             for (k = 0; k < j; k++) sum -= e->factor[i * n + k] * e->factor[j * n + k];
-            e->factor[i * n + j] = i == j ? sqrt(sum) : sum / e->factor[j * n + j];
+            e->factor[i * n + j] = i == j ? 1.0 / sqrt(sum) : sum * e->factor[j * n + j];
         }
     e->step = h;
 }
@@ -289,11 +351,11 @@ static inline void fieldmap_solve_step(const fieldmap_electrical *e, double *x)
     int i, k;
     for (i = 0; i < n; i++) {
         for (k = 0; k < i; k++) x[i] -= e->factor[i * n + k] * x[k];
-        x[i] /= e->factor[i * n + i];
+        x[i] *= e->factor[i * n + i];
     }
     for (i = n - 1; i >= 0; i--) {
         for (k = i + 1; k < n; k++) x[i] -= e->factor[k * n + i] * x[k];
-        x[i] /= e->factor[i * n + i];
+        x[i] *= e->factor[i * n + i];
     }
 }
 
@@ -444,11 +506,11 @@ static inline void fieldmap_set_reach(fieldmap_electrical *e, const double *curr
     fieldmap_solve_step(e, e->right);
     for (k = 0; k < e->n; k++)
         missed = fmax(missed, fabs(e->right[k])), far = fmax(far, fabs(e->strayed[k] + e->change[k]));
-    *e->reach = fmin(FIELDMAP_STRAY * e->largest, far * sqrt(allowed / missed));
+    *e->reach = fmax(FIELDMAP_NEAR * e->largest, fmin(FIELDMAP_STRAY * e->largest, far * sqrt(allowed / missed)));
 }
 
-/* A step whose currents stay so near to those at which the iron was solved that the tangent has its linkages and weights. 0 for
- * another. */
+/* A step, from linkages in `total`, whose currents stay so near to those at which the iron was solved that the tangent has its
+ * linkages and weights. 0 for another. */
 static inline int fieldmap_step_by_tangent(fieldmap_electrical *e, fieldmap_superposition *of, const fieldmap_path *field,
                                            const double *currents, double h, double *weights, int *within)
 {
@@ -464,10 +526,9 @@ static inline int fieldmap_step_by_tangent(fieldmap_electrical *e, fieldmap_supe
         e->guess[k] = currents[k] + e->change[k];
         for (j = 0; j < n; j++) e->met[k] += e->tangent[k * n + j] * e->change[j];
     }
-    for (f = 0; f < e->fields; f++)
-        for (k = 0; k < n; k++)
-            weights[f] += of->scale * (f < n ? (f == k ? e->change[k] : 0.0) : e->slopes[f * n + k] * e->change[k]);
-    fieldmap_path_forget(field);
+    for (k = 0; k < n; k++) e->change[k] *= of->scale, weights[k] += e->change[k];
+    for (f = n; f < e->fields; f++) weights[f] += fieldmap_product(e->slopes + f * n, e->change, n);
+    fieldmap_path_by_tangent(e, field, e->change);
     *within = fieldmap_iron_signals(of->iron->map, e->guess, signals);
     of->outside += !*within;
     return 1;
@@ -485,14 +546,19 @@ static inline int fieldmap_drive_coils(fieldmap_electrical *e, fieldmap_superpos
     const int straying = saturating && body->n_soft == 0 && of->iron->map->n_cells == 0;
     const int64_t unsolved = of->unsolved;
     double left = 0.0, moved = 0.0, start, end, share;
-    int k, j, step, trial, turned, met = 0, status = fieldmap_payload_along(field, body, place, r, of->scale, e->fields, e->along);
-    if (status != FIELDMAP_OK) return status;
+    int k, j, step, trial, turned, met = 0, status;
     fieldmap_ask(e, commands, h);
-    fieldmap_total_linkages(e, saturating, e->total);
-    if (straying && fieldmap_step_by_tangent(e, of, field, currents, h, weights, within)) {
-        fieldmap_take_step(e, h, currents, held);
-        return status;
+    if (straying && *e->reach >= 0.0) {
+        status = fieldmap_linkages_by_tangent(e, field, body, place, r, of->scale, e->total);
+        if (status != FIELDMAP_OK) return status;
+        if (fieldmap_step_by_tangent(e, of, field, currents, h, weights, within)) {
+            fieldmap_take_step(e, h, currents, held);
+            return status;
+        }
     }
+    status = fieldmap_payload_along(field, body, place, r, of->scale, e->fields, e->along);
+    if (status != FIELDMAP_OK) return status;
+    fieldmap_total_linkages(e, saturating, e->total);
     for (k = 0; k < n; k++) e->change[k] = e->moved[k] = 0.0;
     for (step = 0; step < FIELDMAP_ELECTRICAL_STEPS && !met && status == FIELDMAP_OK; step++) {
         if (step > !straying && left > 0.2) fieldmap_make_tangent(e, of->iron, field, body, place, r, of->scale, e->guess);

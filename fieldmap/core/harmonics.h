@@ -148,6 +148,27 @@ FIELDMAP_INLINE void fieldmap_harmonics(
     }
 }
 
+/* The same of degree 0 to 4 at one point, written out. */
+FIELDMAP_INLINE void fieldmap_harmonics_4(const fm_real *point, fm_real *FIELDMAP_RESTRICT out)
+{
+    const fm_real x = point[0], y = point[1], z = point[2], r2 = x * x + y * y + z * z;
+    out[0] = FM(1);
+    out[1] = z, out[2] = FM(0.5) * x, out[3] = FM(0.5) * y;
+    out[4] = FM(0.25) * (FM(3) * z * z - r2), out[5] = z * out[2], out[6] = z * out[3];
+    out[7] = FM(0.25) * (x * out[2] - y * out[3]), out[8] = FM(0.25) * (x * out[3] + y * out[2]);
+    out[9] = FM(1.0 / 9.0) * (FM(5) * z * out[4] - r2 * z);
+    out[10] = FM(0.125) * (FM(5) * z * out[5] - r2 * out[2]), out[11] = FM(0.125) * (FM(5) * z * out[6] - r2 * out[3]);
+    out[12] = z * out[7], out[13] = z * out[8];
+    out[14] = FM(1.0 / 6.0) * (x * out[7] - y * out[8]), out[15] = FM(1.0 / 6.0) * (x * out[8] + y * out[7]);
+    out[16] = FM(1.0 / 16.0) * (FM(7) * z * out[9] - r2 * out[4]);
+    out[17] = FM(1.0 / 15.0) * (FM(7) * z * out[10] - r2 * out[5]);
+    out[18] = FM(1.0 / 15.0) * (FM(7) * z * out[11] - r2 * out[6]);
+    out[19] = FM(1.0 / 12.0) * (FM(7) * z * out[12] - r2 * out[7]);
+    out[20] = FM(1.0 / 12.0) * (FM(7) * z * out[13] - r2 * out[8]);
+    out[21] = z * out[14], out[22] = z * out[15];
+    out[23] = FM(0.125) * (x * out[14] - y * out[15]), out[24] = FM(0.125) * (x * out[15] + y * out[14]);
+}
+
 /* To five sums at `lanes` points: a harmonic times its coefficient in each. */
 FIELDMAP_INLINE void fieldmap_add_harmonic(
     int lanes, const fm_real *FIELDMAP_RESTRICT harmonic, fm_real zz, fm_real xz, fm_real yz, fm_real dd, fm_real xy,

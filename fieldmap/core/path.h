@@ -32,13 +32,19 @@ static inline void fieldmap_path_forget(const fieldmap_path *path)
     for (p = 0; p < path->points; p++) path->places[p] = -1;
 }
 
+/* The number of a cell of a map. */
+FIELDMAP_INLINE int64_t fieldmap_cell_number(const fieldmap *map, const fieldmap_spot *spot)
+{
+    return ((int64_t)spot->cell[0] * map->cells[1] + spot->cell[1]) * map->cells[2] + spot->cell[2];
+}
+
 /* flux[3] and gradient[9] for point number p at a place. */
 FIELDMAP_INLINE int fieldmap_path_field(const fieldmap_path *path, int p, const fm_real *point, fm_real *flux, fm_real *gradient)
 {
     const fieldmap *map = path->map;
     fieldmap_spot spot;
     const int status = fieldmap_locate(map, point, &spot);
-    const int64_t place = ((int64_t)spot.cell[0] * map->cells[1] + spot.cell[1]) * map->cells[2] + spot.cell[2];
+    const int64_t place = fieldmap_cell_number(map, &spot);
     fm_real *row;
     if (status != FIELDMAP_OK) return status;
     if (path->places == NULL) {

@@ -69,13 +69,14 @@ static void give_memory(reader *from, fieldmap_machine *machine)
  * and largest. */
 static void read_electrical(reader *from, PyObject *given, fieldmap_machine *machine)
 {
-    const int n = machine->n_coils;
+    const int n = machine->n_coils, points = machine->body.magnetic.n_dipoles;
+    const fieldmap *map = machine->field.map;
     const size_t size = (sizeof(fieldmap_electrical) + 63) / 64 * 64;
     fieldmap_electrical *e;
     char *memory;
     reader part = attributes_of(from, given);
     if (given == NULL || given == Py_None) return;
-    memory = (char *)memory_of(from, size + sizeof(double) * fieldmap_electrical_room(n, machine->superposition.n_fields));
+    memory = (char *)memory_of(from, size + sizeof(double) * fieldmap_electrical_room(n, map, points));
     e = (fieldmap_electrical *)memory;
     require(machine->superposition.table == NULL, PyExc_ValueError, "a table of currents has no linkages");
     if (PyErr_Occurred()) return;
@@ -86,7 +87,7 @@ static void read_electrical(reader *from, PyObject *given, fieldmap_machine *mac
     e->linear.coils = n;
     e->largest = real_of(&part, "largest");
     if (PyErr_Occurred()) return;
-    fieldmap_electrical_start(e, (double *)(void *)(memory + size));
+    fieldmap_electrical_start(e, map, points, (double *)(void *)(memory + size));
     machine->electrical = e;
 }
 

@@ -26,28 +26,22 @@ FIELDMAP_INLINE fieldmap fieldmap_reaction(const fieldmap *map)
     return own;
 }
 
-/* out[(degree + 1)^2]: the derivative of every harmonic along moment[3], from the harmonics of one degree less. The transpose
- * of fieldmap_differentiate. */
-FIELDMAP_INLINE void fieldmap_derivatives_along(const fm_real *moment, int degree, const fm_real *harmonics, fm_real *out)
+/* row[2 l + 3]: the derivatives along moment[3] of the harmonics of degree l + 1, from those of degree l. The transpose of
+ * fieldmap_differentiate. */
+FIELDMAP_INLINE void fieldmap_row_along(const fm_real *moment, int l, const fm_real *from, fm_real *row)
 {
     const fm_real x = FM(0.5) * moment[0], y = FM(0.5) * moment[1], z = moment[2];
-    int l, m, i;
-    for (i = 0; i < (degree + 1) * (degree + 1); i++) out[i] = FM(0);
-    for (l = 0; l < degree; l++) {
-        fm_real *row = out + (l + 1) * (l + 1);
-        const fm_real *from = harmonics + l * l;
-        row[0] += z * from[0];
-        row[1] += x * from[0];
-        row[2] += y * from[0];
-        for (m = 1; m <= l; m++) {
-            const fm_real fold = m == 1 ? FM(2) : FM(1), a = from[2 * m - 1], b = from[2 * m];
-            row[2 * m - 1] += z * a;
-            row[2 * m] += z * b;
-            row[2 * m + 1] += x * a - y * b;
-            row[2 * m + 2] += x * b + y * a;
-            row[m > 1 ? 2 * m - 3 : 0] -= fold * (x * a + y * b);
-            if (m > 1) row[2 * m - 2] += fold * (y * a - x * b);
-        }
+    int m;
+    for (m = 0; m <= 2 * l; m++) row[m] = z * from[m];
+    row[2 * l + 1] = row[2 * l + 2] = FM(0);
+    row[1] += x * from[0];
+    row[2] += y * from[0];
+    for (m = 1; m <= l; m++) {
+        const fm_real fold = m == 1 ? FM(2) : FM(1), a = from[2 * m - 1], b = from[2 * m];
+        row[2 * m + 1] += x * a - y * b;
+        row[2 * m + 2] += x * b + y * a;
+        row[m > 1 ? 2 * m - 3 : 0] -= fold * (x * a + y * b);
+        if (m > 1) row[2 * m - 2] += fold * (y * a - x * b);
     }
 }
 
@@ -55,47 +49,102 @@ FIELDMAP_INLINE void fieldmap_derivatives_along(const fm_real *moment, int degre
 FIELDMAP_INLINE void fieldmap_harmonics_along(const fm_real *moment, int degree, const fm_real *local, fm_real *out)
 {
     fm_real harmonics[FIELDMAP_MAX_SIZE];
+    int l;
+    out[0] = FM(0);
+    if (FIELDMAP_MAX_DEGREE >= 5 && degree == 5) {
+        /* A loop over l would not be unrolled. */
+        fieldmap_harmonics_4(local, harmonics);
+        fieldmap_row_along(moment, 0, harmonics, out + 1);
+        fieldmap_row_along(moment, 1, harmonics + 1, out + 4);
+        fieldmap_row_along(moment, 2, harmonics + 4, out + 9);
+        fieldmap_row_along(moment, 3, harmonics + 9, out + 16);
+        fieldmap_row_along(moment, 4, harmonics + 16, out + 25);
+        return;
+    }
     fieldmap_harmonics(degree - 1, 1, local, local + 1, local + 2, harmonics);
-    fieldmap_derivatives_along(moment, degree, harmonics, out);
+    for (l = 0; l < degree; l++) fieldmap_row_along(moment, l, harmonics + l * l, out + (l + 1) * (l + 1));
 }
 
-/* Sum of products, in FIELDMAP_LANES partial sums side by side. */
+/* Numbers of a register of the processor, at any address, where the compiler has such a type. Loops of a few passes, which
+ * compilers unroll, become vectors by it in all of them. */
+#if defined(__GNUC__) || defined(__clang__)
+#ifdef __AVX__
+enum { FIELDMAP_REGISTER = 32 / sizeof(fm_real) };
+#else
+enum { FIELDMAP_REGISTER = 16 / sizeof(fm_real) };
+#endif
+typedef fm_real fm_register __attribute__((vector_size(FIELDMAP_REGISTER * sizeof(fm_real)), aligned(sizeof(fm_real)), may_alias));
+#endif
+
+/* Sum of products. */
 FIELDMAP_INLINE fm_real fieldmap_product(const fm_real *a, const fm_real *b, int count)
 {
-    fm_real part[FIELDMAP_LANES] = {FM(0)}, sum = FM(0);
-    int i, lane, half;
-    for (i = 0; i + FIELDMAP_LANES <= count; i += FIELDMAP_LANES)
-        for (lane = 0; lane < FIELDMAP_LANES; lane++) part[lane] += a[i + lane] * b[i + lane];
+    fm_real sum = FM(0);
+    int i = 0;
+#if defined(__GNUC__) || defined(__clang__)
+    const int lanes = FIELDMAP_REGISTER;
+    fm_register even = {FM(0)}, odd = {FM(0)};
+    int lane;
+    /* Two sums: each waits for its last product. */
+    for (; i + 2 * lanes <= count; i += 2 * lanes) {
+        even += *(const fm_register *)(a + i) * *(const fm_register *)(b + i);
+        odd += *(const fm_register *)(a + i + lanes) * *(const fm_register *)(b + i + lanes);
+    }
+    for (; i + lanes <= count; i += lanes) even += *(const fm_register *)(a + i) * *(const fm_register *)(b + i);
+    even += odd;
+    for (lane = 0; lane < lanes / 2; lane++) sum += even[lane] + even[lane + lanes / 2];
+#endif
     for (; i < count; i++) sum += a[i] * b[i];
-    /* Halves, not one after the other: each sum would wait for the one before. */
-    for (half = FIELDMAP_LANES / 2; half > 0; half /= 2)
-        for (lane = 0; lane < half; lane++) part[lane] += part[lane + half];
-    return sum + part[0];
+    return sum;
+}
+
+/* Add to along[k] set k of `count` sets of coefficients of a cell along moment[3] at a place in its coordinates. */
+FIELDMAP_INLINE void fieldmap_add_sets_along(
+    const fm_real *moment, int degree, const fm_real *local, const fm_real *sets, int count, fm_real *along)
+{
+    const int size = (degree + 1) * (degree + 1);
+    fm_real harmonics[FIELDMAP_MAX_SIZE];
+    int k;
+    fieldmap_harmonics_along(moment, degree, local, harmonics);
+    for (k = 0; k < count; k++, sets += size) along[k] += fieldmap_product(harmonics, sets, size);
+}
+
+/* Add to along[k] row k of `count`, as fieldmap_gather fills them, along moment[3] at a spot. */
+static inline void fieldmap_add_rows_along(const fieldmap *map, const fieldmap_spot *spot, const fm_real *moment, const fm_real *rows,
+                                           int count, fm_real *along)
+{
+    int k, i;
+    if (map->kind != FIELDMAP_HERMITE) {
+        fm_real local[3];
+        fieldmap_from_middle(map, spot, local);
+        /* Of a degree that the compiler knows only the code for that degree is left. */
+        if (map->degree == 5) fieldmap_add_sets_along(moment, 5, local, rows, count, along);
+        else fieldmap_add_sets_along(moment, map->degree, local, rows, count, along);
+        return;
+    }
+    for (k = 0; k < count; k++, rows += 8 * FIELDMAP_NODE) {
+        fm_real flux[3];
+        fieldmap_field_of_row(map, rows, spot, flux, NULL);
+        for (i = 0; i < 3; i++) along[k] += moment[i] * flux[i];
+    }
 }
 
 /* Add to along[k] the field k of a map, at weight 1, along moment[3] at point[3]. All fields have weights. */
 static inline int fieldmap_add_along(const fieldmap *map, const fm_real *point, const fm_real *moment, fm_real *along)
 {
-    const int size = map->size;
-    fieldmap own = *map;
     fieldmap_spot spot;
     const int status = fieldmap_locate(map, point, &spot);
     int k, i;
     if (status != FIELDMAP_OK) return status;
     if (map->kind != FIELDMAP_HERMITE) {
-        fm_real local[3], harmonics[FIELDMAP_MAX_SIZE];
-        const fm_real *set = fieldmap_sets_at(map, &spot, 0);
-        fieldmap_from_middle(map, &spot, local);
-        /* Of a degree that the compiler knows only the code for that degree is left. */
-        if (map->degree == 5) fieldmap_harmonics_along(moment, 5, local, harmonics);
-        else fieldmap_harmonics_along(moment, map->degree, local, harmonics);
-        for (k = 0; k < map->n_coils; k++, set += size) along[k] += fieldmap_product(harmonics, set, size);
-        return status;
-    }
-    for (k = 0; k < map->n_coils; k++, own.coefficients += size) {
-        fm_real flux[3];
-        fieldmap_field_at(&own, NULL, &spot, flux, NULL);
-        for (i = 0; i < 3; i++) along[k] += moment[i] * flux[i];
+        fieldmap_add_rows_along(map, &spot, moment, fieldmap_sets_at(map, &spot, 0), map->n_coils, along);
+    } else {
+        fieldmap own = *map;
+        for (k = 0; k < map->n_coils; k++, own.coefficients += map->size) {
+            fm_real flux[3];
+            fieldmap_field_at(&own, NULL, &spot, flux, NULL);
+            for (i = 0; i < 3; i++) along[k] += moment[i] * flux[i];
+        }
     }
     return status;
 }
@@ -127,21 +176,40 @@ static inline int fieldmap_reaction_field(
     return status;
 }
 
+/* Add to the coefficients `row` of a polynomial `count` sets, each times its weight. */
+FIELDMAP_INLINE void fieldmap_add_sets(const fm_real *FIELDMAP_RESTRICT sets, int size, int count,
+                                       const fm_real *FIELDMAP_RESTRICT weights, fm_real *FIELDMAP_RESTRICT row)
+{
+    int k, i;
+    for (k = 0; k < count; k++, sets += size)
+        for (i = 0; i < size; i++) row[i] += weights[k] * sets[i];
+}
+
 /* Add to the coefficients `row` of a polynomial those of the reaction to one dipole of moment[3] at a spot. */
 FIELDMAP_INLINE void fieldmap_reaction_to_row(
     const fieldmap *map, int degree, const fieldmap_spot *spot, const fm_real *moment, fm_real *row)
 {
-    const int size = (degree + 1) * (degree + 1), attracted = map->reacting - map->repelled;
     const fieldmap own = fieldmap_reaction(map);
-    const fm_real *set = fieldmap_sets_at(&own, spot, 0);
-    fm_real local[3], along[FIELDMAP_MAX_SIZE];
-    int k, i;
+    const fm_real *sets = fieldmap_sets_at(&own, spot, 0);
+    fm_real local[3], weights[FIELDMAP_REACTION_FIELDS];
+    int k;
+    for (k = 0; k < map->reacting; k++) weights[k] = FM(0);
     fieldmap_from_middle(map, spot, local);
-    fieldmap_harmonics_along(moment, degree, local, along);
-    for (k = 0; k < map->reacting; k++, set += size) {
-        const fm_real weight = fieldmap_product(along, set, size), signed_weight = k < attracted ? weight : -weight;
-        for (i = 0; i < size; i++) row[i] += signed_weight * set[i];
-    }
+    fieldmap_add_sets_along(moment, degree, local, sets, map->reacting, weights);
+    fieldmap_reaction_signs(map, weights);
+    fieldmap_add_sets(sets, (degree + 1) * (degree + 1), map->reacting, weights, row);
+}
+
+/* As fieldmap_field_at_dipole, in Hermite form. */
+static inline int fieldmap_hermite_at_dipole(
+    const fieldmap *map, const fm_real *weights, const fm_real *point, const fm_real *moment, fm_real *flux, fm_real *gradient)
+{
+    fm_real reacting[FIELDMAP_REACTION_FIELDS] = {FM(0)};
+    const int status = fieldmap_field_of_weights(map, weights, point, flux, gradient);
+    if (status != FIELDMAP_OK) return status;
+    fieldmap_reaction_add(map, point, moment, reacting);
+    fieldmap_reaction_signs(map, reacting);
+    return fieldmap_reaction_field(map, reacting, point, flux, gradient);
 }
 
 /* flux[3] and gradient[9] at point[3] for weights of the sets, with the reaction to one dipole of moment[3] there. */
@@ -149,15 +217,11 @@ static inline int fieldmap_field_at_dipole(
     const fieldmap *map, const fm_real *weights, const fm_real *point, const fm_real *moment, fm_real *flux, fm_real *gradient)
 {
     fieldmap_spot spot;
-    fm_real reacting[FIELDMAP_REACTION_FIELDS] = {FM(0)}, row[FIELDMAP_MAX_SIZE];
-    int status = fieldmap_locate(map, point, &spot), i;
+    fm_real row[FIELDMAP_MAX_SIZE];
+    int status, i;
+    if (map->kind == FIELDMAP_HERMITE) return fieldmap_hermite_at_dipole(map, weights, point, moment, flux, gradient);
+    status = fieldmap_locate(map, point, &spot);
     if (status != FIELDMAP_OK) return status;
-    if (map->kind == FIELDMAP_HERMITE) {
-        fieldmap_field_at(map, weights, &spot, flux, gradient);
-        fieldmap_reaction_add(map, point, moment, reacting);
-        fieldmap_reaction_signs(map, reacting);
-        return fieldmap_reaction_field(map, reacting, point, flux, gradient);
-    }
     if (weights == NULL) {
         const fm_real *only = fieldmap_sets_at(map, &spot, 0);
         for (i = 0; i < map->size; i++) row[i] = only[i];

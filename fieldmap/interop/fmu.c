@@ -256,7 +256,7 @@ static int give_drives(model *m)
     m->machine.n_coils = FMU_COILS, m->machine.electrical = coils;
     machine_of(m);
     asked = caller_of(m);
-    size = fieldmap_electrical_room(FMU_COILS, of->n_fields);
+    size = fieldmap_electrical_room(FMU_COILS, fields(m), FMU_DIPOLES);
     m->run_size = size + (size_t)of->n_fields;
     m->run = (double *)calloc(m->run_size, sizeof(double));
     m->room = (double *)calloc(6 + 6 * FMU_COILS + fieldmap_caller_room(&asked), sizeof(double));
@@ -289,7 +289,7 @@ static int follow(model *m, int step)
     m->state.checked = 0;
 #endif
     memset(m->run, 0, m->run_size * sizeof(double));
-    fieldmap_electrical_start(&m->coils, m->run);
+    fieldmap_electrical_start(&m->coils, fields(m), FMU_DIPOLES, m->run);
     state_of(m, &state);
     status = fieldmap_coupled_begin(machine, &state, m->values + CURRENTS);
     if (status == FIELDMAP_OK && machine->superposition.unsolved != unsolved) status = FIELDMAP_IRON_NOT_CONVERGED;

@@ -262,6 +262,28 @@ def test_iron_is_solved_only_as_often_as_its_tolerance_asks(saturating, toleranc
     assert bench.core.solves.solves - before < 300
 
 
+def test_magnets_fly_through_cells_of_the_map_while_the_tangent_holds(saturating):
+    """Linkages and forces of two magnets are the map's in every cell, though the iron is hardly ever solved."""
+    ohms, at = np.full(6, 0.5), np.array([0.4, -0.3, 0.5, 0.2, -0.4, 0.1])
+    points = np.array([[0.0, 0.0, 0.004], [0.002, 0.0, -0.004]])
+    magnets = MagneticBody(points, 1e5 * np.array([[0.0, 0.3, 0.8], [0.2, 0.0, -0.5]]))
+    begin = state_of([-0.012, -0.011, -0.013], velocity=[3.0, 2.5, 3.5])
+    body = RigidBody(1e30, [1e30] * 3, magnets, gravity=0.0)
+    bench = Bench(modelled(saturating), ohms, 1e-4, at, begin, body)
+    cells, shares, misses = set(), [], []
+    for _ in range(70):
+        bench.run(1, ohms * at)
+        place, alone = bench.state[:3], saturating.flux_linkage(bench.currents)
+        linkage, pull = bench.core.coil_state.linkage, saturating.wrench(place, magnets, bench.currents)
+        cells.add(tuple(np.floor((place - saturating.lower) / 0.01)))
+        shares.append(linkage - alone)
+        misses.append(saturating.flux_linkage(bench.currents, place, magnets) - linkage)
+        assert np.abs(bench.load - pull).max() < 1e-5 * np.abs(pull).max()
+    assert np.abs(misses).max() < 5e-3 * np.ptp(shares, axis=0).max()
+    assert len(cells) > 4
+    assert bench.core.solves.solves < 10
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_steps_into_and_out_of_saturation_do_not_run_away(saturating, seed):
     """Voltages jump at every step, and inductances change some hundredfold. Linkages of the map at the currents miss
