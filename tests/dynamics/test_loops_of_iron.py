@@ -87,11 +87,11 @@ def test_a_loop_in_iron_without_memory_is_a_central_difference():
     machine = machine_on(modelled(plain))
     point = at_rest(machine)
     exact = linearise(machine, point).B
-    left = [
-        np.abs(linearise(machine_on(modelled(plain, loop=loop)), point).B - exact).max()
-        for loop in (0.1, 0.05, 0.025)
-    ]
-    np.testing.assert_allclose(np.log2(np.divide(left[:-1], left[1:])), 2.0, atol=0.3)
+    # The law of the iron is smooth piece by piece, so that the ratio of two errors says little: measured are 0.04 to
+    # 0.3 loop^2 of the slope.
+    for loop in (0.4, 0.2, 0.1, 0.05, 0.025, 0.0125):
+        off = np.abs(linearise(machine_on(modelled(plain, loop=loop)), point).B - exact).max()
+        assert 0.02 * loop**2 < off / np.abs(exact).max() < 0.5 * loop**2
 
 
 def test_linearised_iron_takes_the_slopes_of_loops_of_each_coil(memory):
