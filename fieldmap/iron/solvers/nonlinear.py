@@ -379,10 +379,8 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
 
         Parameters
         ----------
-        currents
-            (c,), A.
-        tolerance
-            Bounds the algebraic error.
+        currents, tolerance
+            As for `solve`.
         start
             Nodal potential (n,) from which Newton's method begins; from zero if None.
 
