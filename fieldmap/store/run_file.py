@@ -77,7 +77,7 @@ def _write(group: h5py.Group, run: RunRecord) -> None:
 
 
 def is_run_file(path: str | os.PathLike[str]) -> bool:
-    """Whether a file says of itself that it holds runs.
+    """Whether a file states that it holds recorded runs.
 
     Parameters
     ----------

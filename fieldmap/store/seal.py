@@ -22,7 +22,7 @@ from fieldmap.errors import MapFileError
 
 _SEAL = re.compile(rb"\n# sealed by fieldmap: ([0-9a-f]{16}) ([0-9a-f]{64})\n")
 SEAL_LENGTH = 105
-# Behind a list of the places of numbers: where it begins, and the SHA-256 of all before this line but the numbers.
+# After a list of the places of numbers: offset of the list, and SHA-256 of all bytes before this line but the numbers.
 _SECOND = re.compile(rb"\n# without numbers: ([0-9a-f]{16}) ([0-9a-f]{64})\n")
 _SECOND_LENGTH = 102
 _BLOCK = 1 << 20
@@ -42,7 +42,7 @@ def seal_map(path: str | os.PathLike[str], numbers: Places = ()) -> None:
     path
         Of the file.
     numbers
-        Places of numbers that a reader need not have verified to open the file, in their order.
+        Places of numbers that need not be verified to open the file, ascending.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def _read_seal(stream: BinaryIO, length: int) -> tuple[int, str] | None:
 def _read_second(stream: BinaryIO, length: int) -> tuple[Places, str] | None:
     """Places of numbers and digest that the second seal before the end `length` states, or None.
 
-    Places that are no list of ranges give ValueError or TypeError.
+    Raises ValueError or TypeError if the places are no list of ranges.
     """
     told = _find(_SECOND, _SECOND_LENGTH, stream, length)
     if told is None:
@@ -164,7 +164,7 @@ def _read_second(stream: BinaryIO, length: int) -> tuple[Places, str] | None:
 
 
 def _digest(stream: BinaryIO, length: int, without: Places = ()) -> str:
-    """SHA-256 of the first `length` bytes but those at some places."""
+    """SHA-256 of the first `length` bytes, except the bytes at some places."""
     total = hashlib.sha256()
     for offset, size in others(without, length):
         stream.seek(offset)
@@ -175,7 +175,7 @@ def _digest(stream: BinaryIO, length: int, without: Places = ()) -> str:
 
 
 def others(places: Iterable[tuple[int, int]], length: int) -> Iterable[tuple[int, int]]:
-    """Offset and length of what lies between places, in their order, up to `length`."""
+    """Offset and length of the ranges between ascending places, up to `length`."""
     begin = 0
     for offset, size in [*places, (length, 0)]:
         if offset > begin:
