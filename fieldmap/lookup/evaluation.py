@@ -158,7 +158,7 @@ class Evaluator(Protocol):
         """
 
     def dipole_wrench_at(self, point: Any, moment: Any, weights: Any) -> Array | None:
-        """Force and torque on one dipole, where this is quicker.
+        """Force and torque on one dipole, if the evaluator has a quicker way for one.
 
         Parameters
         ----------
@@ -247,18 +247,18 @@ class Box(Record):
 
 
 class MapFields:
-    """Fields that a map holds beside those of its coils.
+    """Further fields of a map besides the fields of its coils.
 
     Parameters
     ----------
     stored
         The fields at the nodes.
     grid
-        Of the nodes.
+        Grid of the nodes.
     kind
-        Interpolant of the map; one that the C core does not evaluate is replaced by "harmonic".
+        Interpolant of the map; "harmonic" replaces an interpolant that the C core does not evaluate.
     box
-        Of the map, with its rule for points outside.
+        Box of the map, with its rule for points outside.
     cells
         Block of the harmonic form of the fields, if a file holds it.
     """
@@ -291,8 +291,7 @@ class MapFields:
 
 
 class MapReaction(MapFields):
-    """The iron's reaction to magnets: a `fieldmap.reaction.Reaction`. stored, grid, kind, box, cells: as of
-    `MapFields`."""
+    """The iron's reaction to magnets: a `fieldmap.reaction.Reaction`. Arguments as for `MapFields`."""
 
     def __init__(
         self, stored: StoredReaction, grid: Grid, kind: str, box: Box, cells: Array | None = None
@@ -352,7 +351,7 @@ def outside_error(points: Array, outside: int, lower: Array, upper: Array) -> Ou
 
 
 class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
-    """The field of a map at fixed currents (`FieldMap.at`): summed once, evaluated as often as you like.
+    """The field of a map at fixed currents (`FieldMap.at`): summed once, then evaluated at any points.
 
     Points, shapes and the rule for points outside are those of `FieldMap`. No method has an argument `currents`.
 
