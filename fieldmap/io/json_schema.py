@@ -27,7 +27,7 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 class _WithoutTitles(GenerateJsonSchema):
-    """Without titles made from the names of keys: they would repeat the names, with the case of units lost."""
+    """Leaves out titles made from the names of keys: they would repeat the names, and lose the case of units."""
 
     def field_title_should_be_set(self, schema: Any) -> bool:
         return False

@@ -382,7 +382,7 @@ def middle_field(opened: FieldMap) -> MiddleField:
     Returns
     -------
     MiddleField
-        The field there.
+        The field.
     """
     centre = 0.5 * (np.asarray(opened.lower) + np.asarray(opened.upper))
     off = None

@@ -223,7 +223,7 @@ def wrench_actuation(
     position
         Position (3,) in the frame of the field, m.
     moment
-        Of the dipole (3,), A m^2, or a `MagneticBody`.
+        Moment of the dipole (3,), A m^2, or a `MagneticBody`.
     currents
         Currents (n_coils,), A, about which the matrix holds; needed for saturating iron and for soft iron in the body.
     orientation
@@ -344,7 +344,7 @@ def capability(
     positions
         Positions (n, 3) in the frame of the field, m.
     moment
-        Of the dipole (3,), A m^2.
+        Moment of the dipole (3,), A m^2.
     directions
         Directions (k, 3).
     limits

@@ -72,7 +72,7 @@ class CurrentModel:
         Rule for currents outside the domain: "raise" (OutsideMapError), "nan", or "evaluate", which evaluates
         the model there without a statement of its error.
     follow
-        Begin each solve at the state of the previous call. This is quicker where currents change little from
+        Begin each solve at the state of the previous call. This is quicker if currents change little from
         call to call. Results then depend on earlier calls, by 1e-6 at most. Each thread has a state of its
         own.
 

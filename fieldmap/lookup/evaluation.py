@@ -68,7 +68,7 @@ class Evaluator(Protocol):
         Returns
         -------
         int
-            How many points lie outside the box.
+            Number of points outside the box.
         """
 
     def second_gradient(self, points: Array, weights: Array, second: Array) -> int:
@@ -86,7 +86,7 @@ class Evaluator(Protocol):
         Returns
         -------
         int
-            How many points lie outside the box.
+            Number of points outside the box.
         """
 
     def potential(self, points: Array, weights: Array, values: Array) -> int:
@@ -104,7 +104,7 @@ class Evaluator(Protocol):
         Returns
         -------
         int
-            How many points lie outside the box.
+            Number of points outside the box.
         """
 
     def each_field(self, points: Array, flux: Array, slope: Array) -> int:
@@ -122,7 +122,7 @@ class Evaluator(Protocol):
         Returns
         -------
         int
-            How many points lie outside the box.
+            Number of points outside the box.
         """
 
     def at(self, weights: Array) -> Evaluator:
@@ -165,7 +165,7 @@ class Evaluator(Protocol):
         point
             Position (3,), m.
         moment
-            Of the dipole (3,), A m^2.
+            Moment of the dipole (3,), A m^2.
         weights
             As for `field_at`.
 
@@ -366,12 +366,12 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
     currents
         (n_coils,), A.
     assumptions
-        Of the map.
+        Assumptions of the map.
     weights
         (1, n_fields) for all points, or (n, n_fields), one row for each of n points; None if the evaluator
         has one field, the sum.
     reaction
-        Of the iron to magnets.
+        Reaction of the iron to magnets.
     """
 
     def __init__(

@@ -265,7 +265,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         InputError
             For a map of iron without hysteresis, and for a history that is not known.
         NotConverged
-            Where the model has no solution.
+            If the model has no solution.
 
         Examples
         --------
@@ -300,7 +300,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         OutsideMapError
             For currents beyond the domain, unless the map was opened with outside_currents="evaluate".
         NotConverged
-            Where the model has no solution.
+            If the model has no solution.
         """
         return self._with(self._remembering("step").stepped(self._amperes(currents)))
 
@@ -325,7 +325,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         Raises
         ------
         NotConverged
-            Where the model has no solution.
+            If the model has no solution.
 
         Examples
         --------
@@ -774,7 +774,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
             Currents, A: (n_coils,) in the order of `coil_names` for all points, or (n, n_coils), a row for
             each; one number for all coils, or a mapping by name, with zero for coils left out.
         orientations
-            Of a body: rotations (3, 3) or (n, 3, 3) whose columns are its axes; upright unless given.
+            Rotations (3, 3) or (n, 3, 3) of a body, with its axes as columns; upright unless given.
 
         Returns
         -------
@@ -898,7 +898,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         moment
             Moment of a dipole (3,), A m^2, or a `MagneticBody`; None for the rows of the field alone.
         orientation
-            Of a body: rotation (3, 3) whose columns are its axes; upright unless given.
+            Rotation (3, 3) of a body, with its axes as columns; upright unless given.
         loop
             Size of current loops, A, whose slopes replace the derivatives, as for `by_currents`.
 
@@ -936,9 +936,9 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         position
             Position (3,) of a payload in the frame of the field, m; no payload unless given.
         moment
-            Of a dipole (3,), A m^2, or a `MagneticBody`.
+            Moment of a dipole (3,), A m^2, or a `MagneticBody`.
         orientation
-            Of a body: rotation (3, 3) whose columns are its axes; upright unless given.
+            Rotation (3, 3) of a body, with its axes as columns; upright unless given.
 
         Returns
         -------
@@ -1011,7 +1011,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         position, currents, moment, orientation
             As for `flux_linkage`.
         velocity
-            Of the position (3,), m/s.
+            Velocity of the position (3,), m/s.
         angular_velocity
             (3,), rad/s, in the frame of the field.
 

@@ -38,9 +38,9 @@ def payload_linkage(
     currents
         Currents, A: (n_coils,), one number for all coils, or a mapping by name.
     moment
-        Of a dipole (3,), A m^2, or a `MagneticBody`.
+        Moment of a dipole (3,), A m^2, or a `MagneticBody`.
     orientation
-        Of a body: rotation (3, 3) whose columns are its axes; upright unless given.
+        Rotation (3, 3) of a body, with its axes as columns; upright unless given.
 
     Returns
     -------
@@ -81,7 +81,7 @@ def back_emf(
     field, position, currents, moment, orientation
         As for `payload_linkage`.
     velocity
-        Of the position (3,), m/s.
+        Velocity of the position (3,), m/s.
     angular_velocity
         (3,), rad/s, in the frame of the field.
 

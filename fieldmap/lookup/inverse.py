@@ -36,8 +36,9 @@ _ROUNDING = 1e-9  # share of the sum of the coils' contributions below which a v
 _SMALL = 1e-3  # share of the typical currents at which soft iron is still linear
 _NO_SLOPE = 1e-9  # share of the slope at typical currents below which a slope is rounding
 _ASIDE = (0.0, 1.0, -1.0)  # multiples of the wanted force that are tried in each other row
-_EIGENVECTORS = 2  # strongest directions that are tried
-_RESCALINGS = 12  # most changes of the length of a start
+# Strongest directions that are tried, and most changes of the length of a start.
+_EIGENVECTORS = 2
+_RESCALINGS = 12
 # Consecutive searches without a better result, or without any, after which a call ends.
 _ENOUGH, _HOPELESS = 2, 8
 _BETTER = 1e-3  # share of the power that a better result saves at least

@@ -83,7 +83,7 @@ def unit_block(field_map: FieldMap | MapAtCurrents) -> Array:
 
 
 def saturates(field_map: FieldMap) -> bool:
-    """Whether the field is not the sum of its coils' fields and a constant.
+    """Whether the iron of the map saturates, so that its fields do not superpose.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def inductance_at_zero(field_map: FieldMap) -> Array:
     InputError
         For a map without linkages.
     NotConverged
-        Where the model has no solution there.
+        If the model has no solution there.
     """
     known = field_map._linkages().inductance
     if field_map._model is None:

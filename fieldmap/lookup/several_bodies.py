@@ -104,7 +104,7 @@ def currents_for_several(
     positions
         Centres of the bodies (n, 3) in the frame of the field, m.
     moments
-        Of each body: a moment (3,), A m^2, or a `MagneticBody`.
+        For each body a moment (3,), A m^2, or a `MagneticBody`.
     forces, torques
         (n, 3), N and N m, about the centres; NaN leaves a component free.
     limits, resistance, start

@@ -191,7 +191,7 @@ def soft_sphere_force(
     currents
         Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by name.
     diameter
-        Of the sphere, m.
+        Diameter of the sphere, m.
     mu_r
         Its relative permeability.
 

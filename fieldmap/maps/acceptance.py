@@ -23,7 +23,7 @@ from fieldmap.store.stated_accuracy import (
 )
 
 # The next number of states is extrapolated from the errors of the rounds, up to `_BELIEVED` times the present number.
-# Where that fails, it is `_MORE` times the present number.
+# If that fails, it is `_MORE` times the present number.
 _MORE, _BELIEVED = 2, 8
 # For each part of the error: words for its size, words for the shortfall, and the recipe keys that reduce it. Only the
 # limit of the states is strict; the training exceeds the limits of modes, points and fields if it must.
@@ -143,7 +143,7 @@ def shortfall(about: Mapping[str, Any], plan: Plan) -> Shortfall:
 
 
 def _states(about: Mapping[str, Any], plan: Plan) -> int | None:
-    """Number of states to suggest: extrapolated from the errors of the rounds where possible, otherwise twice as many.
+    """Number of states to suggest: extrapolated from the errors of the rounds if possible, otherwise twice as many.
 
     None if the recipe allows the largest number already.
     """

@@ -434,7 +434,7 @@ def _fill(
     forecast.at("certificate", "certifying the lookup against the solver")
 
     def unit_fields(points: Array) -> tuple[Array, Array]:
-        # The division depends on the points alone, so that the number of workers changes no bit.
+        # The pieces depend on the points alone, so that the number of workers changes no bit.
         parts = [points[first : first + _POINTS] for first in range(0, len(points), _POINTS)]
         pairs = workers.results(_unit_fields, parts, common)
         flux, gradient = (np.concatenate(arrays, axis=1) for arrays in zip(*pairs, strict=True))

@@ -332,11 +332,11 @@ class Recipe(Record):
         key
             The key.
         must_hold
-            What must hold there.
+            Requirement at the key.
         received
-            What stands there.
+            Value at the key.
         remedy
-            What to do.
+            Remedy.
 
         Returns
         -------

@@ -34,7 +34,7 @@ def same_arithmetic() -> Iterator[None]:
         yield
 
 
-# The modules that were loaded when the thread pools were looked for, and what was found.
+# The modules that were loaded at the last search for thread pools, and its result.
 _FOUND: "tuple[tuple[str, ...], ThreadpoolController] | None" = None
 
 

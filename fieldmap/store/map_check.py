@@ -148,7 +148,7 @@ def check_map(path: str | os.PathLike[str]) -> MapCheck:
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file.
 
     Returns
     -------

@@ -301,9 +301,9 @@ class StoredLinkage(Record):
 
     Attributes
     ----------
-    inductance : (c, c), H, symmetric: of linear iron and coils; where iron saturates, of the coils in air.
-    constant : (c,), Wb: of magnets and background with all currents off; where iron saturates, without the flux of the
-        iron that they magnetise.
+    inductance : (c, c), H, symmetric: of linear iron and coils; for saturating iron of the coils in air.
+    constant : (c,), Wb: of magnets and background without currents; for saturating iron without the flux of the iron
+        that they magnetise.
 
     Raises
     ------
@@ -339,8 +339,8 @@ class MapData(MapInfo):
     ----------
     flux_density : (n_fields, nx, ny, nz, 3), T/A for coils.
     gradient : (n_fields, nx, ny, nz, 3, 3), T/(m A) for coils; gradient[..., i, j] = dB_i/dx_j.
-    reaction : of the iron to magnets; None where it is not known.
-    linkage : of the coils; None where it is not known.
+    reaction : of the iron to magnets; None if it is not known.
+    linkage : of the coils; None if it is not known.
     sensors : of the device; None without sensors, and in maps of earlier versions.
 
     Raises

@@ -110,7 +110,7 @@ def stored(file: h5py.Group, path: str, kinds: str) -> h5py.Dataset:
     file
         Open file.
     path
-        Of the data set.
+        Path of the data set.
     kinds
         Allowed kinds of numpy types, a key of `_NAMES`.
 
@@ -150,7 +150,7 @@ def read_map(path: str | os.PathLike[str]) -> MapData:
     Parameters
     ----------
     path
-        Of the file, or the name of a shipped map, such as "sample".
+        Path of the file, or the name of a shipped map, such as "sample".
 
     Returns
     -------

@@ -46,7 +46,7 @@ def write_runs(path: str | os.PathLike[str], runs: Iterable[RunRecord], about: M
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file.
     runs
         The runs.
     about
@@ -105,7 +105,7 @@ def read_runs(path: str | os.PathLike[str]) -> tuple[list[RunRecord], dict[str, 
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file.
 
     Raises
     ------

@@ -40,7 +40,7 @@ def seal_map(path: str | os.PathLike[str], numbers: Places = ()) -> None:
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file.
     numbers
         Places of numbers that need not be verified to open the file, ascending.
 
@@ -74,7 +74,7 @@ def check_seal(path: str | os.PathLike[str], remedy: str = REMAKE, numbers: bool
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file.
     remedy
         For the message, as an alternative to copying the file again.
     numbers

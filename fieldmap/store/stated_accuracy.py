@@ -87,7 +87,7 @@ def warn_of_missed_accuracy(
     Parameters
     ----------
     path
-        Of the map, for the text.
+        Path of the map, for the text.
     report
         Solver report of the map.
     stacklevel

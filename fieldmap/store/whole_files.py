@@ -59,7 +59,7 @@ def write_whole(path: PathLike, content: bytes | str, kind: str) -> Path:
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file.
     content
         Bytes, or a text that is written as UTF-8.
     kind
