@@ -209,8 +209,7 @@ def plane_potential(first: Array, flux: Array, gradient: Array, spacing: Array) 
 
 
 def running_potential(value: Array, slope: Array, spacing: float) -> Array:
-    """Integral (..., n) from the first node of a line, from the component of B along it and the slope of the
-    component."""
+    """Integral (..., n) from the first node of a line, from the component of B along the line and its slope."""
     step = spacing / 2 * (value[..., :-1] + value[..., 1:])
     step += spacing * spacing / 12 * (slope[..., :-1] - slope[..., 1:])
     return np.concatenate([np.zeros_like(value[..., :1]), np.cumsum(step, axis=-1)], axis=-1)

@@ -67,8 +67,7 @@ def _spread(n: int) -> NDArray[np.intp]:
 
 
 def _degree(n_nodes: int) -> int:
-    """DEGREE, or a lower degree, at least 3, for which the nodes give two independent numbers per unknown (8 a
-    node)."""
+    """DEGREE, or a lower degree of at least 3 with two independent numbers per unknown (each node gives 8)."""
     degree = DEGREE
     while degree > 3 and (degree + 1) ** 2 - 1 > 4 * n_nodes:
         degree -= 1

@@ -64,8 +64,7 @@ def cell_form(data: MapData | LargeMap, outside: str) -> Form:
 
 
 class CellFit:
-    """Fits the polynomials in the cells of a grid, those between two planes at a time. length: unit of the local
-    coordinates, m."""
+    """Fits the polynomials in the cells between two planes of a grid at a time. length: unit of coordinates, m."""
 
     def __init__(self, grid: Grid) -> None:
         self.grid = grid

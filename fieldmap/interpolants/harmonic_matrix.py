@@ -37,8 +37,7 @@ def _derived(table: Array, degree: int, i: int) -> Array:
 
 @cache
 def _two_harmonics(degree: int, i: int) -> tuple[NDArray[np.intp], Array]:
-    """The harmonics (2, (degree + 1)^2) whose sum is the derivative of each, and their factors; one row for degree
-    1."""
+    """The harmonics (2, (degree + 1)^2) that sum to each derivative, and their factors; one row for degree 1."""
     matrix = derivative_matrix(degree, i)
     rows = np.sort(np.argsort(-np.abs(matrix), axis=0, kind="stable")[:2], axis=0)
     return rows, np.take_along_axis(matrix, rows, axis=0)

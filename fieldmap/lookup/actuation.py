@@ -65,8 +65,7 @@ class Actuation(Record):
 
     @property
     def condition(self) -> float:
-        """Largest singular value over the smallest, with rows of length 1; infinite if the rank is below the number of
-        rows."""
+        """Largest over smallest singular value, with rows of length 1; infinite if the rank is below their number."""
         if self.rank < len(self.rows):
             return float("inf")
         size = np.linalg.svd(self._scaled, compute_uv=False)

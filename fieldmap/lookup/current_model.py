@@ -210,8 +210,7 @@ class CurrentModel:
         return CurrentSearch(state, self.model.coil_count + self.fields_beside_coils, fresh)
 
     def amplitudes(self, currents: Array) -> Array:
-        """Amplitudes (r,) of the modes at currents (c,), inside the domain or outside, more accurate than in
-        lookups."""
+        """Amplitudes (r,) of the modes at currents (c,), inside the domain or outside, to the tolerance of tables."""
         (state, fresh), amperes = self._beginning("tight"), np.array(currents, dtype=np.float64)
         weights = np.empty(len(amperes) + self.fields_beside_coils)
         if state.solve(amperes, weights, tolerance=_TIGHT, fresh=fresh) != FOUND:

@@ -62,8 +62,8 @@ if TYPE_CHECKING:
 
 
 MOST_SUMMED = 1 << 30
-"""Most bytes of coefficients of a large map that are summed for one set of currents. A larger map superposes its fields
-at each point."""
+"""Most bytes of coefficients of a large map that are summed for given currents. A larger map superposes at each
+point."""
 
 
 def _usual_level(model: CurrentModel) -> Array:
@@ -224,14 +224,13 @@ class FieldMap(Field, own_shapes=ONE_POINT):
 
     @property
     def proportional(self) -> bool:
-        """Whether the field is the sum of its coils' fields: True unless the map has a model of saturating iron or
-        fixed sources."""
+        """Whether the field is the sum of its coils' fields: True for a map without saturating iron and fixed
+        sources."""
         return self._model is None and not self._constant
 
     @property
     def affine(self) -> bool:
-        """Whether the field is the sum of its coils' fields and a constant field: True unless the map has a model of
-        saturating iron."""
+        """Whether the field is the sum of its coils' fields and a constant field: True without saturating iron."""
         return self._model is None
 
     @property
@@ -242,9 +241,9 @@ class FieldMap(Field, own_shapes=ONE_POINT):
     def memory(self, history: str = HISTORIES[0], currents: Any = None) -> FieldMap:
         """This map with its iron after a history. `step` continues from there.
 
-        A map of iron with hysteresis always has a memory. Its field at given currents is the field after a straight
-        path from the currents of the memory; a lookup does not change the memory. A map opens after the history
-        "shaken".
+        A map of iron with hysteresis always has a memory, at first after the history "shaken". Its field at given
+        currents is the field after a straight path from the currents of the memory. A lookup does not change the
+        memory.
 
         Parameters
         ----------
@@ -976,7 +975,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         Parameters
         ----------
         currents
-            Currents, A: (n_coils,), one number for all coils, or a mapping by name. Linear iron does not need them.
+            Currents, A: (n_coils,), one number for all coils, or a mapping by name. Not used for linear iron.
 
         Returns
         -------

@@ -333,8 +333,7 @@ def best_of(searches: Iterable[Search]) -> Array:
 
 
 def starts_on_soft_iron(goal: Goal, scale: float) -> Iterator[Array]:
-    """Starts of searches for a force on soft iron, which is of second order in the currents: docs/theory/wrench.md
-    (11).
+    """Starts of searches for a force on soft iron, of second order in the currents: docs/theory/wrench.md (11).
 
     Currents (n,), A, along the strongest eigenvectors of the second derivative of the demand, and of the demand with
     other values in its other rows. Their length is scaled to the demand. Both signs are tried, unless the force is even

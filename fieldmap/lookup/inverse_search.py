@@ -18,7 +18,7 @@ from fieldmap.lookup.inverse_problem import Goal, Variables
 from fieldmap.typing import Array
 
 _ROUNDING = 1e-13
-_FAINT = 1e-6  # least scale of a component, as a share of `Goal.undirected`
+_FAINT = 1e-6  # least scale of a component, a share of `Goal.undirected`; weakest combination in use
 _ROUNDING_OF_MODELS = 1e-12
 _HALVINGS = 50
 _NO_SHARE = 1e-9
@@ -58,8 +58,7 @@ def _of_unit(demand: Demand, sizes: Array) -> Array:
 
 
 def _nearly(goal: Goal, matrix: Array, wanted: Array) -> Array | None:
-    """Least-power variables (n,) that meet `wanted` (r,), which none meet exactly, to _NEARLY; None if there are
-    none."""
+    """Least-power variables (n,) that meet `wanted` (r,) to _NEARLY, if none meet it exactly; otherwise None."""
     sizes = _of_unit(goal.demand, np.abs(goal.demand.values))
     length = _of_unit(goal.demand, np.linalg.norm(matrix, axis=1))
     length[length == 0.0] = 1.0
@@ -104,7 +103,7 @@ def _refusal(
 
 
 def _binding(variables: Variables, values: Array, which: NDArray[np.bool_]) -> tuple[dict[str, float], str]:
-    """The chosen values, by a mask (n,), of the values (n,), by name and as text."""
+    """The values (n,) that a mask (n,) selects, by name and as text."""
     chosen = np.flatnonzero(which)
     binding = {variables.names[k]: float(values[k]) for k in chosen}
     parts = [f"{variables.noun} {name} at {value:g}{variables.unit}" for name, value in binding.items()]

@@ -243,8 +243,7 @@ class MagneticBody(Record):
         if source.reaction is None:
             return stiffness
         second = source.reaction.second_gradient(found.points)
-        # Weights of the reaction and moments of soft iron change with the place: (1 - b chi b s) dw = m . db + b chi
-        # dB.
+        # Weights of the reaction and soft moments change with the place: (1 - b chi b s) dw = m . db + b chi dB.
         moved = np.einsum("qkij,qi->kj", gradients, moments)
         moved += np.einsum("pki,pij,pjl->kl", inside, by_field, soft)
         coupled = np.eye(len(signs)) - np.einsum("pki,pij,plj->kl", inside, by_field, inside) * signs

@@ -99,8 +99,7 @@ def magnetic_body(
 
 
 def check_payload(payload: Payload | None, where: str, pieces: bool = False) -> Payload:
-    """The payload, if its mass and moment are positive, or if it has pieces and `pieces` allows them. Raises
-    InputError."""
+    """The payload, if its mass and moment are positive, or if it has allowed pieces. Raises InputError."""
     if payload is None:
         raise InputError.of(
             f"{where}(payload)", "must be a payload", "None", "add a [payload] table to the device file"

@@ -1,7 +1,6 @@
 """Currents of least power that give forces on several bodies at once. docs/theory/actuation.md.
 
-The bodies act on each other, directly and through the iron that they magnetise. Their soft iron follows the whole
-field.
+The bodies act on each other, directly and through the iron that they magnetise. Soft iron follows the whole field.
 """
 
 from __future__ import annotations

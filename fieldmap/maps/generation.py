@@ -142,9 +142,8 @@ def generate(
     output
         The file to write; unless given maps/out/NAME.h5, with the file name in the recipe or the recipe's own stem.
     resume
-        Continue a run that was stopped, and keep a finished map, if all inputs that determine the numbers are the
-        same.
-        False starts again.
+        Continue a stopped run, or keep a finished map, if the inputs that determine its numbers are the same; False
+        starts again.
     progress
         Function, called as progress(message, fraction). None prints a bar with the time left if stderr is a terminal,
         True prints the bar or plain lines wherever stderr goes, False prints nothing.
@@ -423,8 +422,7 @@ def _fill(
     accepted: MissedAccuracy | None = None,
 ) -> None:
     """Evaluate the fields at the nodes, measure their error, and write the file. tolerance: of the solver; about:
-    further entries of the report; spent: time of the map so far; accepted: an error that the assumptions then
-    state."""
+    further entries of the report; spent: time of the map so far; accepted: an error for the assumptions to state."""
     if writer.resumed:
         forecast.note(f"resumed with {writer.resumed} of {len(writer.chunks)} parts")
     expect_fields(forecast, writer.info.grid, fields.report.surface_faces, len(largest_weights))

@@ -211,8 +211,7 @@ class CurrentRanges(Record):
     ] = None
 
     def domain(self, coil_names: tuple[str, ...]) -> CurrentDomain:
-        """The domain of the currents of a device with these coils. Raises RecipeError if the ranges do not fit the
-        coils."""
+        """The domain of the currents of a device with these coils. Raises RecipeError if the ranges do not fit."""
         coils = len(coil_names)
         if self.lift_and_directions is not None:
             if coils != 6:

@@ -1,7 +1,6 @@
 """One piece of work: its arithmetic, the objects that it shares with other pieces, and its outcome.
 
-Results do not depend on the process, to the last bit: the order of sums in linear algebra is independent of the number
-of cores.
+Results are the same in all processes, to the last bit: the order of sums is independent of the number of cores.
 """
 
 import itertools

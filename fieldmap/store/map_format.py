@@ -16,8 +16,7 @@ from fieldmap.store.reduced_model import ReducedModel
 from fieldmap.typing import Array
 
 FORMAT_VERSION, WITH_FIXED_SOURCES, WITH_HYSTERESIS = VERSIONS = 1, 2, 3
-"""Version of the format, and versions that older readers refuse: for maps with fixed sources, and for maps of iron with
-hysteresis."""
+"""Version of the format, and versions that older readers refuse: of maps with fixed sources, and with hysteresis."""
 # Most nodes of a chunk: few enough that a killed run loses little, many enough that the solver is efficient.
 NODES_PER_CHUNK = 1000
 MESHES = "/data/0/meshes"

@@ -391,8 +391,8 @@ def _read_fields(file: h5py.File, path: str, grid: Grid) -> dict[str, Array]:
 
 
 def _parametrisation(file: h5py.File, coils: int) -> CurrentParametrisation:
-    """Read the parametrisation of the currents, in the present form or in the form of older files. If a file has both,
-    they must agree."""
+    """Read the parametrisation of the currents, in the present or the older form. If a file has both, they must
+    agree."""
     exponent = stored(file, f"{REDUCED_MODEL}/{DIVISION_EXPONENT}", "fi")[()]
     stated = hard(file, REDUCED_MODEL).attrs.get(PARAMETRISATION)
     older = parametrisation_of(exponent, coils)
