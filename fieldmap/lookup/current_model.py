@@ -188,8 +188,8 @@ class CurrentModel:
     def linkages(
         self, currents: Array, inductance: bool = False, *, checked: bool = True
     ) -> tuple[Array, Array]:
-        """What the iron adds to the flux linkages (c,), Wb, at currents (c,), and to their derivatives (c, c) by the
-        currents, H, symmetric, which are zero unless asked for: docs/theory/flux_linkage.md (3), (4).
+        """The iron's part of the flux linkages (c,), Wb, at currents (c,), and of their derivatives (c, c) by the
+        currents, H, symmetric, which are zero without `inductance`: docs/theory/flux_linkage.md (3), (4).
 
         Raises OutsideMapError for currents beyond the domain unless `outside` is "evaluate" or `checked` is false, and
         NotConverged.

@@ -291,7 +291,7 @@ class Search:
         return None
 
     def _shortest_change(self, given: Array, slope: Array) -> Array:
-        """The shortest change of the variables that gives what is missing of the demand, to first order."""
+        """The shortest change of the variables that gives the missing part of the demand, to first order."""
         length = np.linalg.norm(slope, axis=1)
         length = np.where(length > 0.0, length, 1.0)
         missing = (self.demand.values - given) / length

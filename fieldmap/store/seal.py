@@ -4,8 +4,8 @@ HDF5 has checksums for the numbers of a file, but not for its structure. A wrong
 read anything. So a file is opened only if all of its bytes are those that were written. Other programs ignore the seal,
 because they do not read beyond the end of the HDF5 data. A program that changes the file cuts the seal off.
 
-A large map has a second seal before that: the places of its numbers, and the SHA-256 of all other bytes. It is enough
-for a reader that opens the file without reading those numbers.
+A large map has a second seal before the first: the places of its numbers, and the SHA-256 of all other bytes. It
+suffices for a reader that opens the file without reading those numbers.
 """
 
 from __future__ import annotations
