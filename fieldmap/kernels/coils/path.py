@@ -164,7 +164,7 @@ def _close_gradient(
     G[2, 2] = -G[0, 0] - G[1, 1]
 
 
-# As `vector *= factor`, which takes two seconds to compile: numba makes its message about shapes by the way.
+# `vector *= factor` takes two seconds to compile, because numba compiles an error message about shapes with it.
 @njit(inline="always")
 def _scale(vector: Array, factor: float) -> None:
     for k in range(3):

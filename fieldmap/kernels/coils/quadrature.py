@@ -23,8 +23,8 @@ MARGIN = 1.5  # decimal digits on top of those asked for: cancellation between o
 
 @njit
 def rule_limits(digits: float) -> Array:
-    """limits (2, RULES): the smallest half sum of the axes' ratio (row 0: |z-1| + |z+1| over 2) and the largest
-    half width of w (row 1) for which 8, 16, ... points give `digits` correct decimal digits."""
+    """limits (2, RULES): the smallest (|z-1| + |z+1|)/2 of the singularity (row 0) and the largest half width of w
+    (row 1) for which 8, 16, ... points give `digits` correct decimal digits."""
     limits = np.empty((2, RULES))
     for k in range(RULES):
         rate = 0.5 * math.log(10.0) * (digits + MARGIN) / (STEP * (k + 1))

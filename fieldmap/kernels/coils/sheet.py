@@ -19,7 +19,7 @@ from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
 from fieldmap.typing import Array
 
 _WORK = 60.0 * BLOCK
-_LOST = 2e3  # rounding errors that closed form may lose by cancellation
+_LOST = 2e3  # factor by which cancellation in closed form may enlarge rounding errors
 
 
 @inlined
@@ -55,7 +55,7 @@ def sheet_meridian(a: float, half: float, rho: float, z: float) -> tuple[float, 
 
 @inlined
 def far_points(a: float, half: float, rho: float, z: float) -> int:
-    """Gauss-Legendre points in z to use instead of closed form, or 0 where that loses no more than it may."""
+    """Gauss-Legendre points in z to use instead of closed form, or 0 where closed form is accurate enough."""
     r2 = rho * rho + z * z
     if r2 * r2 * r2 < (_LOST * half * a * a) ** 2 or r2 < 9.0 * half * half:
         return 0

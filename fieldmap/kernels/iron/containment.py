@@ -28,8 +28,8 @@ def _contains(p, x, y, z):
 
 @njit(nogil=True)
 def find_tetrahedron(begin, end, points, corners, lower, upper, out):
-    """Fill out (n,) with the index of the first tetrahedron corners (m, 4, 3) that contains each point (n, 3); where
-    none does, it stays as it is.
+    """Fill out (n,) with the index of the first tetrahedron corners (m, 4, 3) that contains each point (n, 3); entries
+    of other points are not changed.
 
     lower, upper (m, 3): bounding boxes.
     """
@@ -46,7 +46,7 @@ def find_tetrahedron(begin, end, points, corners, lower, upper, out):
                 break
 
 
-# A triangle further away than this many radii is one dipole: good to a few percent, where half is asked for.
+# A triangle further away than this many radii is one dipole: good to a few percent; the test needs 50 %.
 _FAR_RADII = 3.0
 
 
