@@ -1,4 +1,4 @@
-"""Magnetised tetrahedra as magpylib objects, for use of solved iron in magpylib."""
+"""Magnetised tetrahedra, for use of solved iron, and coils as magpylib objects."""
 
 import math
 from functools import singledispatch
