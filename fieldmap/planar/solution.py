@@ -24,7 +24,7 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True, repr=False)
 class PlanarReport(Record):
-    """What a solution cost and rests on: panels on iron and walls, unknowns, seconds of this process, assumptions.
+    """Cost and assumptions of a solution: panels on iron and walls, unknowns, seconds of this process, assumptions.
 
     residuals: of Newton's steps, relative; empty where the iron is linear.
     """
@@ -46,7 +46,7 @@ class PlanarFieldAtCurrents(Record, ABC):
 
     @property
     def coil_names(self) -> tuple[str, ...]:
-        """Names in current order."""
+        """Names of the coils, in the order of the currents."""
         return self.device.coil_names
 
     @abstractmethod
@@ -61,7 +61,7 @@ class PlanarFieldAtCurrents(Record, ABC):
         Returns
         -------
         Complex
-            (3, n), T, T/m and T/m^2.
+            Derivatives (3, n), T, T/m and T/m^2.
 
         Raises
         ------
@@ -133,7 +133,7 @@ class PlanarSolution(Record):
 
     @property
     def coil_names(self) -> tuple[str, ...]:
-        """Names in current order."""
+        """Names of the coils, in the order of the currents."""
         return self.device.coil_names
 
     def at(self, currents: Currents) -> LinearPlanarState:
@@ -148,7 +148,7 @@ class PlanarSolution(Record):
         Returns
         -------
         LinearPlanarState
-            The field of points alone.
+            The field as a function of points.
 
         Raises
         ------
@@ -217,7 +217,7 @@ class PlanarSolution(Record):
         Returns
         -------
         Complex
-            (3, n), T, T/m and T/m^2.
+            Derivatives (3, n), T, T/m and T/m^2.
 
         Raises
         ------
@@ -248,12 +248,12 @@ class LinearPlanarState(PlanarFieldAtCurrents):
 
 
 def as_field(f: Complex) -> Array:
-    """(n, 2) of (B_x, B_z) from f = B_x - i B_z."""
+    """Field (n, 2) of (B_x, B_z) from f = B_x - i B_z."""
     return np.column_stack([f.real, -f.imag])
 
 
 def as_gradient(slope: Complex) -> Array:
-    """(n, 2, 2), G[i, j] = dB_i/dx_j, from f'."""
+    """Gradient (n, 2, 2), G[i, j] = dB_i/dx_j, from f'."""
     return np.stack([slope.real, -slope.imag, -slope.imag, -slope.real], axis=-1).reshape(-1, 2, 2)
 
 
