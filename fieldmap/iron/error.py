@@ -106,9 +106,8 @@ class ErrorEstimate(Record):
     flux_density, gradient: the estimates; change: (B, gradient) between two meshes, or None if there is only one; gap:
     (B, gradient) between the potential form and the flux form on the same mesh, both_forms: B of the two in the middle
     of the workspace (values, no bounds), or None if only one form can be used; shares: sum of the shares of all faces
-    in the error of B, or None.
-    by_source: the largest errors of B, one for each source, then those of the gradient, in T and T/m and with their
-    places; length: the L of the gradient's scale, m.
+    in the error of B, or None. by_source: the largest errors of B, one for each source, then of the gradient, in T and
+    T/m and with their places; length: the L of the gradient's scale, m.
     """
 
     flux_density: float
@@ -208,9 +207,9 @@ def estimate_error(
 ) -> ErrorEstimate:
     """Estimate at points (n, 3) by comparison with a coarser mesh, with the other form or with both; 0 with neither.
 
-    shares (c,): sums of the shares of all faces in the error of B of every source, where known. growth: the number of
-    faces over that of the coarser mesh, minus 1. Meshes that hardly differ agree whatever their error: where the growth
-    is below `ENOUGH_GROWTH`, the change is multiplied by `ENOUGH_GROWTH` over the growth.
+    shares (c,): sums of the shares of all faces in the error of B of every source, where known. growth: the ratio of
+    faces on this and on the coarser mesh, minus 1. Meshes that hardly differ agree even if their error is large: if the
+    growth is below `ENOUGH_GROWTH`, the change is multiplied by `ENOUGH_GROWTH` over the growth.
     `both_forms` is for the point in the middle of all points.
     """
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
@@ -371,7 +370,7 @@ class Tolerance(Record):
         source
             Its number among the sources; the coils come first.
         coils
-            How many coils there are.
+            Number of coils.
 
         Returns
         -------
@@ -396,7 +395,7 @@ class Tolerance(Record):
         estimate
             The estimate.
         coils
-            How many coils there are.
+            Number of coils.
 
         Returns
         -------
@@ -414,7 +413,7 @@ class Tolerance(Record):
         estimate
             The estimate.
         coils
-            How many coils there are.
+            Number of coils.
 
         Returns
         -------
@@ -482,7 +481,7 @@ class ErrorShare(Record):
 
 @dataclass(frozen=True, repr=False)
 class ExpectedCost(Record):
-    """The cost of a mesh that was not solved, predicted from those that were: matrix in bytes, wall time in s."""
+    """The cost of a mesh that was not solved, predicted from solved ones: matrix in bytes, wall time in s."""
 
     faces: int
     tetrahedra: int
@@ -498,7 +497,7 @@ class ExpectedCost(Record):
 
 @dataclass(frozen=True, repr=False)
 class ToleranceReport(Record):
-    """How a run to a tolerance went.
+    """The report of a run to a tolerance.
 
     ended: one of `ENDS`; steps: its meshes; worst: the error with the largest ratio to the allowed one, with its place
     in the workspace, on the mesh of the answer; shares: of the bodies, the largest first; next_mesh: the cost of the

@@ -28,7 +28,7 @@ from fieldmap.typing import Array, Index
 class MagneticBodies(Record):
     """Connected pieces of iron, numbered from 0: of_element (e,), of_face (m,), number of each charged face's piece.
 
-    Of a mesh of surfaces, the solids stand for the elements.
+    For a mesh of surfaces of_element (s,) is of the solids.
     """
 
     of_element: Index
@@ -62,7 +62,7 @@ def magnetic_bodies(mesh: IronMesh | IronSurface, faces: ChargedFaces) -> Magnet
 Mask = NDArray[np.bool_]
 # Degree of the rule on faces; degree on faces nearer to the other charges than the third number times their radius.
 _DEGREE, _NEAR_DEGREE, _NEAR_RADII = 4, 8, 6.0
-# A force needs five digits of the coils' field.
+# Decimal digits of the coils' field; a force needs five.
 _DIGITS = 7
 
 

@@ -43,7 +43,7 @@ class BodyProperties(Record):
 
 
 def materials_on(device: Device, mesh: IronMesh) -> list[Material]:
-    """The materials of the bodies of a mesh: those of the device, then the sheets between them."""
+    """The materials of the bodies of a mesh: the device's bodies, then the sheets between them."""
     known = [device.materials[body.material] for body in device.bodies]
     return [*known, *(of_permeability(sheet.name, sheet.mu_r) for sheet in mesh.sheets)]
 

@@ -26,7 +26,7 @@ from fieldmap.typing import Array
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BodyContents(Record):
-    """One body: volume, m^3; mesh_size, m; how many parts it is built of; axis (3,) of their shapes, if it is one."""
+    """One body: volume, m^3; mesh_size, m; number of parts; axis (3,): the common axis of their shapes, or None."""
 
     name: str
     material: str

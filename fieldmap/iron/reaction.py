@@ -74,7 +74,8 @@ class ReactionFields(_FieldsOfIron):
     the fields were made. asymmetry: largest difference of the reactions of two dipoles on each other, over the largest
     reaction. error: relative error of the reaction to a dipole at its own place, or of the force on the dipole, the
     larger: the largest at places without a part in the choice of the fields. It is due to too few fields, not to the
-    mesh. width: see `_width`. change: the same error of these fields for saturating iron in other states (`others`).
+    mesh. width: largest edge of the iron's triangles over its distance from the workspace. change: the same error of
+    these fields for saturating iron in other states, the largest of all that were tried.
     """
 
     repelled: int

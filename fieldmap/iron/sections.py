@@ -1,8 +1,8 @@
 """Flux through a plane section of iron, by the flux that the nodes' equations conserve.
 
 B of the potential form is free of divergence only in the mean, in the equation of each node. In elements at an inner
-corner it is wrong by tens of per cent. Take a function v that is 1 at the corners of elements above the plane and 0 at
-those below, and linear between them. With the step s at the plane, a field without divergence has the flux
+corner it is wrong by tens of per cent. Take a function v that is 1 at the corners of elements above the plane, 0 at
+corners below, and linear between. With the step s at the plane, a field without divergence has the flux
 
     int B . n dA  =  int B . grad v dV  +  int (s - v) B . n dS,
 
@@ -261,7 +261,7 @@ def _cut_elements(element: Index, height: Array) -> tuple[Index, Array]:
 
 
 def _crossing(corners: Array, values: Array, rows: Index, i: int, j: int) -> Array:
-    """Where linear functions with corner values (n, k) vanish between corners i and j of elements (n, k, 4)."""
+    """Points where linear functions with corner values (n, k) vanish between corners i and j of elements (n, k, 4)."""
     a, b = values[rows, i, None], values[rows, j, None]
     return (corners[rows, i] * b - corners[rows, j] * a) / (b - a)
 

@@ -91,7 +91,7 @@ class _Reported:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SolvedState(_Reported, FieldAtCurrents):
-    """Coils and iron at fixed currents (c,) in A; what all states have in common.
+    """Coils and iron at fixed currents (c,) in A: the common base of all states.
 
     iron: charges and flux densities, one column for each source, or None without iron; weights (columns,): the share of
     each column in this state. bounds: the box around the workspace. background: the field that nothing in
@@ -494,7 +494,7 @@ class LinearSolution(_Reported, FieldOfStates):
 
     `at(currents)` is the state at these currents. Methods that take currents, from `field` to `energy`, are short for
     the methods of that state. Permanent magnets and the background, if any, add a field that no current changes: one
-    more column after those of the coils, `constant_fields`. Currents: (c,) in A, one number for all coils, or a mapping
+    more column after the coils' columns, `constant_fields`. Currents: (c,) in A, one number for all coils, or a mapping
     by name. Forces, inductances and energy: docs/theory/forces.md.
 
     >>> import fieldmap as fm

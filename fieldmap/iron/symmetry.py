@@ -47,7 +47,7 @@ class Operation(Record):
 
     @property
     def is_mirror(self) -> bool:
-        """Whether it is the reflection in a plane."""
+        """Whether the operation is the reflection in a plane."""
         return self.handedness < 0 and abs(float(np.trace(self.matrix)) - 1.0) < _SAME_OPERATION
 
     def __call__(self, points: Array) -> Array:
@@ -493,11 +493,10 @@ _IDENTITY = np.eye(3)
 def find_symmetry(device: model.Device) -> SymmetryGroup:
     """All mirrors and rotations that map the iron onto itself, and their effect on coils and magnets.
 
-    Bodies are alike if shape, material (magnets and linear iron: mu_r) and mesh sizes are equal. Lengths and
-    positions count as equal within 1e-6 of the iron's size. The parts of the device file are compared, not the
-    solids they add up to: a symmetric body made of unsymmetric parts is not recognised. A STEP body or a mesh
-    counts as a body without symmetry. Round iron has infinitely many operations: a finite group of these is
-    returned. Never raises.
+    Bodies are alike if shape, material (magnets and linear iron: mu_r) and mesh sizes are equal. Lengths and positions
+    count as equal within 1e-6 of the iron's size. The parts of the device file are compared, not the solids they add up
+    to: a symmetric body made of unsymmetric parts is not recognised. A STEP body or a mesh counts as a body without
+    symmetry. Round iron has infinitely many operations: a finite group of these is returned. Never raises.
 
     Parameters
     ----------

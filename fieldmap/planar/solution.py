@@ -258,7 +258,7 @@ def as_gradient(slope: Complex) -> Array:
 
 
 def field_places(device: PlanarDevice, points: ArrayLike) -> Complex:
-    """Points (n, 2) as complex numbers; InputError for those in a conductor or outside the walls."""
+    """Points (n, 2) as complex numbers. Raises InputError for points in a conductor or outside the walls."""
     array = check_signal("planar field(points)", points, 2).reshape(-1, 2)
     places = complex_points(array)
     for coil in device.coils:
@@ -275,7 +275,7 @@ def field_places(device: PlanarDevice, points: ArrayLike) -> Complex:
 
 
 def planar_currents(device: PlanarDevice, currents: Currents) -> Array:
-    """A copy of the currents (n_coils,) in A; InputError for those that do not fit the coils."""
+    """A copy of the currents (n_coils,) in A. Raises InputError for currents that do not fit the coils."""
     return np.array(coil_currents(currents, device.coil_names))
 
 

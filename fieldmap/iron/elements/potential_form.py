@@ -29,7 +29,7 @@ N^-1 m = y is found by the method of multipliers (Hestenes, J. Optim. Theory App
 in two steps from zero. The matrix has the pattern of K and is positive definite. The factor of the saddle-point matrix
 of K and M took more than three times the memory and eighteen times the work at 73 000 faces.
 
-In N the iron's elements are air. N^-1 subtracts the flux that the surface charges drive inside the iron, so W and N
+In N the iron's elements are air. N^-1 m is the flux that the surface charges drive inside the iron, so W and N
 must give the same flux there. They do not at the rim of a sheet (thickness g) that is thinner than its elements are
 wide (h). Take a potential that differs between both sides of the rim. In the elements of the sheet it falls off over
 their whole width h, and its energy is h / (3 g) and more; for charges the energy grows with the logarithm of h / g.
@@ -88,7 +88,7 @@ def vacuum(iron: AssembledIron) -> Magnetisation:
 
 # The weight D of a face, times the mean potential that a unit charge on the face makes on it. Each step gains three
 # digits or more (measured errors after one and two steps: 5e-4 and 4e-7 for random face means, 2e-5 and 8e-9 for
-# smooth ones). Rounding costs five of the sixteen digits, because the weight is 1e5.
+# smooth ones). Rounding costs five of the sixteen digits.
 _WEIGHT = 1e5
 _STEPS = 2
 
@@ -243,7 +243,7 @@ class ConvexForm:
             entries = self._tangent_entries(phi, field, material)
             factor = self._factor(entries)
             first = factor.solve(right)
-            # The energy norm of the residual, relative to that of the coils' drive.
+            # The energy norm of the residual, relative to the norm of the coils' drive.
             norm = _energy_norm(right, first)
             if scale == 0.0:
                 drive = inner if start is None else self._residual(np.zeros_like(phi), field, 0, material)
@@ -256,7 +256,7 @@ class ConvexForm:
             def operator(x: Array, factor: SparseFactor = factor, stiffness: csr_matrix = stiffness) -> Array:
                 return factor.solve(stiffness @ x + self.exterior.apply_roughly(x))
 
-            # The linear solve needs only as many digits as the Newton step is good for.
+            # The linear solve need not be more accurate than the Newton step.
             worth = min(0.1, max(1e-4, residuals[-1]))
             step = block_gmres(operator, first[:, None], worth, _MAX_LINEAR_STEPS)[0][:, 0]
             air_step = self.exterior.apply(step[:, None])[:, 0]

@@ -37,7 +37,7 @@ class SeparatedFaces(Record):
 
     @classmethod
     def of(cls, mesh: IronMesh) -> "SeparatedFaces":
-        """Of a mesh with sheets in drawn gaps."""
+        """The faces of a mesh with sheets in drawn gaps."""
         apart = mesh.without_drawn_sheets()
         topology = build_faces(apart.points, apart.tets)
         nodes = topology.nodes[topology.surface]

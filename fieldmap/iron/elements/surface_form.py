@@ -53,7 +53,7 @@ class Region(Record):
 
 
 def regions_of(surface: IronSurface, mu_r: Array, remanence: Array) -> tuple[Region, ...]:
-    """Join solids that touch and have one permeability and remanence; these are given of each body, (b,) and (b, 3)."""
+    """Join solids that touch and have one permeability and remanence; mu_r (b,), remanence (b, 3): of each body."""
     mu_r, remanence = mu_r[surface.body], remanence[surface.body]
     touching = surface.sides[surface.sides[:, 1] != AIR]
     one, other = touching.T
@@ -323,7 +323,7 @@ class SurfaceForm:
             return Potentials(curl, means)
         nodes = own.nodes[own.triangles]
         number = edge_numbers(sources.edges, nodes, len(self.surface.points))
-        # The potential of one corner is zero; those of the others follow along the edges that leave it.
+        # The potential is zero at one corner; the edges that leave it give the potential at the others.
         shape = corner_curls(own.faces)
         for k, opposite in ((1, 2), (2, 1)):
             sign = np.where(nodes[:, 0] < nodes[:, k], 1.0, -1.0)[:, None]

@@ -144,7 +144,7 @@ class Pinch(Record):
 
 
 def pinches(glued: occ.TopoDS_Shape) -> tuple[Pinch, ...]:
-    """Where the surface of the glued solids is no manifold: one entry per kind and set of bodies."""
+    """Places where the surface of the glued solids is no manifold: one entry per kind and set of bodies."""
     owners: dict[occ.Face, list[str]] = defaultdict(list)
     for solid in glued.solids:
         for face in solid.faces:

@@ -152,7 +152,7 @@ def place(solid: occ.TopoDS_Shape, placement: model.Placement) -> occ.TopoDS_Sha
     if not (np.isfinite(origin).all() and np.isfinite(rotation).all()):
         raise ValueError("a position and rotation must be finite numbers")
     frame = occ.Axes(point(*origin), n=occ.Dir(*rotation[:, 2]), h=occ.Dir(*rotation[:, 0]))
-    # Transformation(frame) takes global coordinates to those of the frame; its inverse places.
+    # Transformation(frame) takes global coordinates to coordinates in the frame; its inverse places the solid.
     return occ.gp_Trsf.Transformation(frame).Inverted()(solid)
 
 

@@ -107,7 +107,7 @@ _DEFECT = 1e-5
 
 
 def glue_chamber(device: Device, chamber: Chamber) -> occ.TopoDS_Shape | None:
-    """The bodies' pieces inside the chamber, glued like those of `glue_bodies`, mm.
+    """The bodies' pieces inside the chamber, glued as by `glue_bodies`, mm.
 
     None where the kernel cannot cut them, or its pieces do not add up to the bodies.
     """
@@ -128,7 +128,7 @@ def glue_chamber(device: Device, chamber: Chamber) -> occ.TopoDS_Shape | None:
 
 
 def _outer_area(shape: occ.TopoDS_Shape, chamber: Chamber | None) -> float:
-    """Area of the faces that belong to one solid only, those in the chamber's walls left out."""
+    """Area of the faces that belong to one solid only, without faces in the chamber's walls."""
 
     def in_wall(face: occ.Face) -> bool:
         if chamber is None:
@@ -195,7 +195,7 @@ class ChamberCopies:
         self._number, self._source = self._numbered(len(points))
 
     def onto_walls(self, points: Array) -> Array:
-        """The points, those on walls moved onto them exactly."""
+        """The points; points on walls are moved onto them exactly."""
         points = points.copy()
         for pattern in np.unique(self._on_wall, axis=0):
             walls = self._chamber.walls[pattern]
@@ -237,7 +237,7 @@ class ChamberCopies:
         return np.concatenate([np.array(of_bodies)[body] for of_bodies in known])
 
     def cells(self, own: MesherCells) -> MesherCells:
-        """The mesher's cells of all copies, from those of the chamber."""
+        """The mesher's cells of all copies, from the chamber's cells."""
         order, count = self._chamber.group.order, len(own.sizes)
         number = np.concatenate([own.number + k * count for k in range(order)])
         return MesherCells(number, self.vectors(own.centres), np.tile(own.sizes, order))

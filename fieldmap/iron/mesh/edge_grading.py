@@ -106,7 +106,7 @@ def _edges_of(tets: Index) -> Index:
 
 
 def _edges_too_thick(points, tets, sharp, layer, ratio):
-    """Sharp edges at which one more cut brings the layer closer to what was asked for.
+    """Sharp edges at which one more cut brings the layer closer to the wanted thickness.
 
     The layer at a vertex is the shortest element edge that leaves its sharp edge; a sharp edge is cut when both its
     ends ask for it.

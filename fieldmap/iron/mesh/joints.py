@@ -2,7 +2,7 @@
 
 The mesher knows nothing of the gaps. Every face between two bodies becomes a flat prism as thick as the gap, split into
 tetrahedra of the sheet's own permeability. A potential of second order in them holds the jump of potential across the
-gap, so that the flux through the joint is that of an interface condition, phi_1 - phi_2 = gap b_n / mu_r. At the rim
+gap, so that the joint meets the interface condition phi_1 - phi_2 = gap b_n / mu_r. At the rim
 the sheet ends in a strip of surface as wide as the gap, through which flux spreads into the air as in reality.
 (With the jump at a line instead, the flux through the air near the rim would grow with the logarithm of the mesh size.)
 

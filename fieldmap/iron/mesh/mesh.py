@@ -175,7 +175,7 @@ def generate_mesh(
         once, twice, ....
     symmetry
         "auto": where the iron has mirror planes, one chamber between them is meshed and copied, so that the
-        mesh has the symmetry exactly; "workspace": with those mirrors alone that map the box of the workspace onto
+        mesh has the symmetry exactly; "workspace": only with mirrors that map the box of the workspace onto
         itself; "none": meshed as a whole.
     local
         Element sizes at points, used where they are smaller than the device file's, and first layers at sharp

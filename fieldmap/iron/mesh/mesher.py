@@ -1,9 +1,9 @@
 """Meshes of glued solids by the mesher (netgen): tetrahedra, or triangles of the surfaces alone.
 
 Meshing takes as long as all the rest of a small solve, and the same iron is solved many times: at other currents, with
-other coils and materials, by another command. Meshes are therefore kept: the last ones in memory, and all in the folder
-that the environment variable FIELDMAP_MESHES names. The key of a mesh is a hash of the mesher's input, bit by bit, and
-of its version.
+other coils and materials, by another command. Meshes are therefore kept: the last ones in memory, and all in a folder
+if the environment variable FIELDMAP_MESHES names one. The key of a mesh is a hash of the mesher's input, bit by bit,
+and of its version.
 """
 
 from __future__ import annotations
@@ -177,7 +177,7 @@ def mesh_solids(
     local: LocalSizes | None = None,
     surface_only: bool = False,
 ) -> MesherMesh:
-    """The mesh of glued solids, whose names are those of the device's bodies.
+    """The mesh of glued solids, which have the names of the device's bodies.
 
     refinement: divides the sizes of the bodies; local: further sizes, at points; surface_only: make triangles and no
     tetrahedra. The arrays are shared and cannot be written to. Raises GeometryError where the mesher fails,

@@ -33,7 +33,7 @@ def block_gmres(
     apply: Callable[[Array], Array], right: Array, tolerance: float, max_iterations: int
 ) -> tuple[Array, list[Array]]:
     """Solve apply(x) = right for right (n, c). Returns x (n, c) and the residual norms (c,) after each step,
-    relative to those of the right-hand side. `apply` should be preconditioned."""
+    relative to the norms of the right-hand side. `apply` should be preconditioned."""
     c = right.shape[1]
     norm = np.linalg.norm(right, axis=0)
     safe = np.where(norm > 0, norm, 1.0)

@@ -82,7 +82,7 @@ _NUMBERS_AT_ONCE = 1_000_000
 
 
 class MutualPotential(ABC):
-    """W (s, s), see `fieldmap.kernels.iron.mutual_potential`: symmetric, positive definite, however it is stored.
+    """W (s, s), see `fieldmap.kernels.iron.mutual_potential`: symmetric, positive definite, in one of several storages.
 
     diagonal (s,): mean potentials of the faces' own unit charges; bytes: memory of the matrix and of the data for its
     inverse; storage: how it is stored, in words, for the report.
@@ -99,8 +99,8 @@ class MutualPotential(ABC):
     def solve(self, potential: Array, refinements: int = 0) -> Array:
         """Charges (s, c) with these mean potentials (s, c).
 
-        Without refinement a fixed linear map, good as a preconditioner (three digits or more); each refinement with
-        the matrix itself gains as many again.
+        Without refinement this is a fixed linear map to three digits or more, good as a preconditioner. Each refinement
+        with the matrix itself gains the same number of digits.
         """
         charge = self._approximate(potential)
         for _ in range(refinements):

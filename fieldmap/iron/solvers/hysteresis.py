@@ -1,8 +1,8 @@
 """Iron with rate-independent hysteresis (play model) at a sequence of currents: docs/theory/hysteresis.md.
 
-The elements are those of the potential form, with play cells at their points. At a given history of the cells, B is the
-gradient by h of a convex function, as without hysteresis. The functional, Newton's method and its line search are
-therefore those of the potential form.
+The elements of the potential form have play cells at their points. At a given history of the cells, B is the gradient
+by h of a convex function, as without hysteresis. The functional, Newton's method and its line search are therefore the
+same as in the potential form.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class HysteresisMagnetisation(Magnetisation):
         return self._response(h)[1]
 
     def _response(self, h: Array) -> tuple[Array, Array]:
-        """Both. The last result is kept: residual, tangent and line search ask for the same field in turn."""
+        """Polarisation and derivative. The last are kept: residual, tangent and line search use one field in turn."""
         if not self._last or not np.array_equal(self._last[0][0], h):
             tangent = np.empty((*h.shape[:2], 6))
             polarisation = self._polarise(h, None, tangent) + self.remanence[0][:, None]

@@ -73,8 +73,8 @@ def solve_linear(
         "auto": potential where it may be used. Inductances of closed magnetic circuits err to opposite sides.
         "surface" needs no mesh of the volume and takes any mu_r; its dense matrices allow a few thousand faces.
     symmetry
-        "auto" uses the mirror planes of the iron, "workspace" those that map the workspace onto itself, "none"
-        does not look for them.
+        "auto" uses the mirror planes of the iron, "workspace" only planes that map the workspace onto itself,
+        "none" does not look for them.
 
     Returns
     -------

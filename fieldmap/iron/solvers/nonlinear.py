@@ -156,7 +156,7 @@ _RESIDUAL_PER_TOLERANCE = 1e-3
 _RESIDUAL_OF_COMPLEMENT = 1e-2
 # Tolerance of the linear solve for derivatives by the currents.
 _TOLERANCE_OF_SLOPES = 1e-8
-# Ratio of the mesh sizes of a state and of the one that it is compared with.
+# Mesh sizes of the state for comparison, over the mesh sizes of the state whose error is estimated.
 _COARSER = 1.4
 
 
@@ -164,7 +164,7 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
     """A device meshed and assembled once: a field that solves a state for each new set of currents.
 
     `at(currents)` is the state at these currents; it is solved once and kept. `field` and its derivatives, called
-    with currents, are those of the state.
+    with currents, use this state.
 
     Parameters
     ----------

@@ -349,7 +349,7 @@ def expected_growth(
 
 
 def _cells(iron: AssembledIron) -> tuple[MesherCells, Index]:
-    """The mesher's cells, and the one (s,) below each surface face."""
+    """The mesher's cells, and the number (s,) of the cell below each surface face."""
     cells, topology = iron.mesh.cells, iron.topology
     if cells is None:
         raise ValueError("a mesh that is a body's own has no cells")

@@ -1,4 +1,4 @@
-"""From the meridian plane of an axisymmetric source to Cartesian components."""
+"""Cartesian components of axisymmetric fields, from their values in the meridian plane."""
 
 import math
 

@@ -125,7 +125,7 @@ def current_direction(
 
 @njit
 def extent(arcs: Array, bars: Array, thickness: float, height: float) -> tuple[float, float, float, float]:
-    """Of the bounding box of the path's pieces: middle x, y; half diagonal; a quarter of its area in the plane."""
+    """Middle x, y, half diagonal and a quarter of the in-plane area of the bounding box of the path's pieces."""
     low_x, high_x, low_y, high_y = math.inf, -math.inf, math.inf, -math.inf
     for k in range(len(arcs)):
         arc = _arc(arcs, k)

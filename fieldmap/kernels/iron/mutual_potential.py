@@ -104,8 +104,8 @@ def mutual_potential(begin, end, one, far, other, other_far, reach, symmetric, w
     one, other: corners (n, 3, 3), normals (n, 3), areas (n,), centres (n, 3), radii (n,): farthest corner from the
     centre; near (n, q, 3) and weights, touch (n, t, 3) and weights: points of higher rules for the outer integral of
     pairs whose inner integral is done in closed form. far, other_far: x, y and z (3, 3 n) of the points of the degree-2
-    rule, triangle by triangle, and those of the centres with the radii (4, n). Pairs closer than `reach` times the sum
-    of their radii are near; pairs whose circles overlap use the `touch` rule, whose outer integrand has a kink.
+    rule, triangle by triangle, and the centres with the radii (4, n). Pairs closer than `reach` times the sum of their
+    radii are near; pairs whose circles overlap use the `touch` rule, because their outer integrand has a kink.
     symmetric: only the lower triangle, which costs the same for every such pair of rows; `copy_lower` fills the rest.
     """
     n = one[2].size

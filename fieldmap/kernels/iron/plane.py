@@ -28,7 +28,7 @@ def _log(d: complex, turn: complex) -> complex:
 
 @njit
 def _near(p1: complex, p2: complex, q1: complex, q2: complex) -> tuple[float, float, float]:
-    """Both integrals in closed form: (log, hat at q1, hat at q2), docs/theory/planar.md (10)-(12)."""
+    """Integrals over both segments in closed form: (log, hat at q1, hat at q2), docs/theory/planar.md (10)-(12)."""
     length_p, length_q = abs(p2 - p1), abs(q2 - q1)
     e, f = (p2 - p1) / length_p, (q2 - q1) / length_q
     centre = p1 + p2 - q1 - q2
