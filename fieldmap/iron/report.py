@@ -1,8 +1,8 @@
 """The report of a solve, progress and time of its steps, and warnings of thin gaps.
 
 Flux across a gap is inaccurate if the gap is thin against the faces on both sides. Flat, parallel gaps between pieces
-of iron are meshed as sheets (`fieldmap.iron.geometry.thin_gaps`). The warnings name the others: between curved or
-slanting faces, held open by another gap, slots within one body, and gaps of bodies that are meshes.
+of iron are meshed as sheets (`fieldmap.iron.geometry.thin_gaps`). The warnings name all other gaps: gaps between curved
+or slanting faces, gaps that another gap holds open, slots within one body, and gaps of bodies that are meshes.
 """
 
 import time

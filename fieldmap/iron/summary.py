@@ -317,8 +317,8 @@ def design_figures(
         The solution of the device, or its solver of saturating iron. None: a new solver if its iron
         saturates, otherwise a linear solution.
     thermal_resistance
-        Thermal resistance of each winding to its surroundings, K/W. The temperature rises by it times the
-        power with the resistance at 20 C.
+        Thermal resistance of each winding to its surroundings, K/W. The temperature rise is this times the
+        power, with the resistance at 20 C.
     fill
         Share of copper in a winding's section, for windings whose resistance the device does not state.
 

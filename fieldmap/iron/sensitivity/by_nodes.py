@@ -83,7 +83,7 @@ def mutual_gradient(
     parts = np.zeros((_SHARES, count, len(others), 3))
     any_moves = moves.any(axis=0)
     given = (geometry, shapes, spheres, NEAR_RADII, nodes, first, any_moves)
-    # Ten units for each pair of a share.
+    # Ten units of `over_rows` for each pair of a part.
     work = 10.0 * np.count_nonzero(first == np.arange(len(first))) * len(first) / _SHARES
     over_rows(close_gradient, _SHARES, *given, charges, of_others, places, matrices, parts, work=work)
     out = np.ascontiguousarray(parts.sum(axis=0).transpose(1, 0, 2))

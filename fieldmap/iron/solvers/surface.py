@@ -246,8 +246,8 @@ def iron_linkages(solved: SurfacePotential, coils: int) -> Array:
     return total / MU0
 
 
-# Bytes per pair of triangles: W with its factor in single precision (12), K (4), D and its factor (4), and the same for
-# the insides of several bodies.
+# Bytes per pair of triangles: W with its factor in single precision (12), K (4), D and its factor (4), and room for the
+# matrices inside several bodies.
 _BYTES_PER_PAIR = 30
 
 
