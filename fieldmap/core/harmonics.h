@@ -24,9 +24,9 @@ enum { FIELDMAP_MAX_SIZE = (FIELDMAP_MAX_DEGREE + 1) * (FIELDMAP_MAX_DEGREE + 1)
 
 /* The nine at a point from the coefficients of a polynomial of degree 5, written out.
  *
- * The five different second derivatives are polynomials of degree 3; their coefficients are differences of neighbours.
- * The field follows by Euler's theorem on homogeneous functions: B = B(0) + sum_l [second derivatives of degree l] x / (l
- * + 1). Some 230 operations, and 36 numbers to fetch. */
+ * The five different second derivatives are polynomials of degree 3; their coefficients are differences of neighbours. The
+ * field follows by Euler's theorem on homogeneous functions: B = B(0) + sum_l [second derivatives of degree l] x / (l + 1).
+ * This takes about 230 operations on 36 coefficients. */
 FIELDMAP_INLINE void fieldmap_polynomial_5(
     const fm_real *FIELDMAP_RESTRICT c, size_t step, fm_real x, fm_real y, fm_real z, fm_real *FIELDMAP_RESTRICT nine)
 {
@@ -148,7 +148,7 @@ FIELDMAP_INLINE void fieldmap_harmonics(
     }
 }
 
-/* The same of degree 0 to 4 at one point, written out. */
+/* As fieldmap_harmonics for degree 4 at one point, written out. */
 FIELDMAP_INLINE void fieldmap_harmonics_4(const fm_real *point, fm_real *FIELDMAP_RESTRICT out)
 {
     const fm_real x = point[0], y = point[1], z = point[2], r2 = x * x + y * y + z * z;
@@ -169,7 +169,7 @@ FIELDMAP_INLINE void fieldmap_harmonics_4(const fm_real *point, fm_real *FIELDMA
     out[23] = FM(0.125) * (x * out[14] - y * out[15]), out[24] = FM(0.125) * (x * out[15] + y * out[14]);
 }
 
-/* To five sums at `lanes` points: a harmonic times its coefficient in each. */
+/* Add a harmonic at `lanes` points, times its coefficient in each sum, to five sums. */
 FIELDMAP_INLINE void fieldmap_add_harmonic(
     int lanes, const fm_real *FIELDMAP_RESTRICT harmonic, fm_real zz, fm_real xz, fm_real yz, fm_real dd, fm_real xy,
     fm_real *FIELDMAP_RESTRICT sums)
@@ -184,8 +184,8 @@ FIELDMAP_INLINE void fieldmap_add_harmonic(
 
 /* The nine of one polynomial c at `lanes` points side by side: see fieldmap_polynomial_5.
  *
- * a[m + 2] and b[m + 2]: coefficients of one degree for m = -2 to degree + 2, with R^(-m) = (-1)^m conj R^m; a[2] is
- * doubled, and what belongs to m = 0 is halved. */
+ * a[m + 2] and b[m + 2]: coefficients of one degree for m = -2 to degree + 2, with R^(-m) = (-1)^m conj R^m; a[2] is doubled,
+ * because terms of m = 0 are halved. */
 FIELDMAP_INLINE void fieldmap_polynomial(
     const fm_real *FIELDMAP_RESTRICT c, int degree, int lanes, const fm_real *FIELDMAP_RESTRICT x, const fm_real *FIELDMAP_RESTRICT y,
     const fm_real *FIELDMAP_RESTRICT z, fm_real *FIELDMAP_RESTRICT nine)
