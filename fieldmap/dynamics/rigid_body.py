@@ -1,4 +1,4 @@
-"""A rigid body with a magnet in it, and what it meets beside the field: air, a conducting plate, walls."""
+"""A rigid body with a magnet, and its surroundings: air, a conducting plate, walls."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _RIM = 8
 _RIGID = 1e12  # kg m^2
 Three = tuple[float, float, float]
 NotNegatives = Annotated[list[NotNegative], Field(min_length=3, max_length=3)]
-"""Rule of three numbers, along the axes or of three sensors."""
+"""Rule for three numbers of 0 or more, along the axes or for three sensors."""
 
 _ZERO: Three = (0.0, 0.0, 0.0)
 
@@ -62,14 +62,14 @@ class Drag(Record):
 
     @property
     def numbers(self) -> Array:
-        """(5, 3), in the order of fieldmap_drag (fieldmap/core/losses.h)."""
+        """Numbers (5, 3), in the order of fieldmap_drag (fieldmap/core/losses.h)."""
         return np.array(
             [self.linear, self.body_linear, self.body_quadratic, self.turning, self.turning_quadratic], float
         )
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What is not zero, in words."""
+        """The drag that is not zero, in words."""
         units = {
             "linear": "N s/m",
             "body_linear": "N s/m along the body's axes",
@@ -112,12 +112,13 @@ class Plate(Record):
 
     @property
     def critical_speed(self) -> float:
-        """Maxwell's w = 2 / (mu0 conductivity thickness), m/s: images of eddies recede with it (Saslow 1992)."""
+        """Maxwell's speed 2 / (mu0 conductivity thickness), m/s, at which images of eddy currents recede (Saslow
+        1992)."""
         return 2.0 / (MU0 * self.conductivity * self.thickness)
 
     @property
     def numbers(self) -> Array:
-        """(8,), in the order of fieldmap_plate (fieldmap/core/losses.h)."""
+        """Numbers (8,), in the order of fieldmap_plate (fieldmap/core/losses.h)."""
         n = np.asarray(self.normal, float)
         return np.array([self.conductivity, self.thickness, *self.face, *(n / np.linalg.norm(n))])
 
@@ -127,7 +128,7 @@ class Plate(Record):
         Parameters
         ----------
         position
-            Of the dipole (3,), m.
+            Position of the dipole (3,), m.
         moment
             (3,), A m^2.
 
@@ -157,7 +158,7 @@ class Plate(Record):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What its damping rests on."""
+        """Assumptions of the damping."""
         return (
             f"plate: {1e3 * self.thickness:g} mm of {self.conductivity:.3g} S/m without end to the sides; the magnet "
             "acts on it as a point dipole; slow motion",
@@ -192,12 +193,12 @@ class Walls(Record):
         check_fields(self)
 
     def numbers(self, mass: float) -> Array:
-        """The walls as the C core takes them, in the order of fieldmap_walls (fieldmap/core/contact.h).
+        """The walls for the C core, in the order of fieldmap_walls (fieldmap/core/contact.h).
 
         Parameters
         ----------
         mass
-            Of the body, kg.
+            Mass of the body, kg.
 
         Returns
         -------
@@ -217,12 +218,13 @@ class Walls(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RigidBody(Record):
-    """A rigid body, SI; its frame has its origin in the centre of mass, its axes are principal axes of inertia.
+    """A rigid body in SI units. The origin of its frame is the centre of mass, and its axes are principal axes of
+    inertia.
 
     mass: kg. inertia (3,): principal moments, kg m^2. magnet: dipoles and soft iron about the magnet's own centre,
-    axes as the body's. magnet_at (3,): that centre in the body. seen_at (3,): the point that the position sensors see.
-    skin (k, 3): points of the surface that can touch walls. gravity: m/s^2, downward. upright: the body does not turn,
-    as if its inertia were without bounds. assumptions: what the numbers rest on.
+    with the axes of the body. magnet_at (3,): the magnet's centre in the body. seen_at (3,): the sensed point. skin
+    (k, 3): points of the surface that can touch walls. gravity: m/s^2, downward. upright: the body does not turn, as
+    with infinite inertia. assumptions: of the numbers.
     """
 
     mass: float
@@ -254,7 +256,7 @@ class RigidBody(Record):
     def numbers(
         self, drag: Drag | None = None, plate: Plate | None = None, walls: Walls | None = None
     ) -> BodyNumbers:
-        """Everything about the body and its surroundings, as the C core takes it.
+        """The body and its surroundings for the C core.
 
         Parameters
         ----------
@@ -286,7 +288,7 @@ class RigidBody(Record):
 
     @cached_property
     def placed_magnet(self) -> CoreBody:
-        """The magnet at its place in the body, as the C core takes it."""
+        """The magnet at its place in the body, for the C core."""
         magnet, at = self.magnet, self.magnet_at
         soft = tuple(replace(piece, centre=piece.centre + at) for piece in magnet.soft)
         return replace(magnet, points=magnet.points + at, soft=soft).core
@@ -302,37 +304,36 @@ def body_of_payload(
     magnet: MagneticBody | None = None,
     upright: bool | None = None,
 ) -> RigidBody:
-    """The upright body of a device's payload: z along the magnet's axis, seen at its top. Its moment points as the
-    payload says.
+    """The upright body of a device's payload, with z along the magnet's axis. The payload states moment and sensed
+    point.
 
-    A payload without an inertia gets that of the cylinder; where none is given, of its magnet, a sphere, a block or a
-    cylinder, or of its pieces, taken as uniform and as heavy as the payload.
+    A payload without an inertia gets that of a uniform body with its mass: of the given cylinder, or else of the
+    shape of the magnet or the pieces.
 
     Parameters
     ----------
     payload
-        Of a device.
+        Payload of a device.
     radius, height
-        Of the cylinder that the body is taken for, m; the magnet's own unless given.
+        Size of the cylinder that replaces the body, m; by default that of the magnet.
     below
-        How far the magnet's centre lies above the body's lower face, m; half of the magnet's height unless
-        given.
+        Height of the magnet's centre above the body's lower face, m; by default half of the magnet's height.
     centre_of_mass
-        How far it lies above the magnet's centre, m.
+        Height of the centre of mass above the magnet's centre, m.
     magnet
-        Its magnetism; a point dipole for each magnet unless given.
+        Its dipoles and soft iron; by default a point dipole for each magnet.
     upright
-        Whether the body does not turn; unless given, whether the payload states turning = "fixed".
+        Whether the body does not turn; by default as the payload's key `turning` states.
 
     Returns
     -------
     RigidBody
-        The body, and what its numbers rest on.
+        The body, with its assumptions.
 
     Raises
     ------
     InputError
-        Where no inertia is given or follows.
+        If the inertia is unknown.
 
     Examples
     --------
@@ -367,7 +368,7 @@ def body_of_payload(
 
 
 def _magnetism(body: MagneticBody) -> tuple[str, ...]:
-    """What stands for its magnets and its soft iron."""
+    """Models of its magnets and its soft iron, in words."""
     count = len(body.points)
     magnets = ("point dipole" if count == 1 else f"magnet of {count} dipoles",) if count else ()
     if not body.soft:
@@ -378,7 +379,7 @@ def _magnetism(body: MagneticBody) -> tuple[str, ...]:
 def _cylinder(
     payload: Payload, radius: float | None, height: float | None, below: float | None
 ) -> tuple[float | None, float | None, float]:
-    """Radius and height of the body, and the magnet's height in it; those of the magnet where nothing is given."""
+    """Radius and height of the body, and the magnet's height in it; by default those of a cylindrical magnet."""
     own = payload.magnet
     if not isinstance(own, MagnetCylinder):
         return radius, height, below or 0.0
@@ -389,7 +390,7 @@ def _cylinder(
 def _inertia(
     payload: Payload, r: float | None, h: float | None, own_size: bool
 ) -> tuple[Array, tuple[str, ...]]:
-    """Of the payload, or of a uniform cylinder, and what that assumes."""
+    """Inertia of the payload, or of a uniform body, and the assumption."""
     if payload.inertia is not None:
         return np.array(payload.inertia, float), ()
     if r is None or h is None:
@@ -407,8 +408,8 @@ def _inertia(
 
 
 def _skin(payload: Payload, centre: float) -> Array:
-    """Points that touch walls: poles and equator of a sphere or ellipsoid, corners of a block, rims of a cylinder, of
-    every piece; nothing of a dipole."""
+    """Points that can touch walls, of every piece: poles and equator of a sphere or ellipsoid, corners of a block,
+    rims of a cylinder. A dipole has none."""
     each = [np.zeros((0, 3))]
     for piece in payload.pieces:
         each.append(_surface(piece.shape) @ piece.placement.rotation.T + piece.placement.position)

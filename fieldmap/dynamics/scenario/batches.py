@@ -29,7 +29,7 @@ from fieldmap.typing import PathLike, Progress
 
 MOST_KEPT = 50
 """Most runs in a batch for which signals are kept, for a file or a picture."""
-# A body that rests within so many degrees stands upright.
+# Largest lean of an upright body, degrees. A larger lean is mentioned in words.
 _UPRIGHT = 1.0
 
 
@@ -124,7 +124,7 @@ def simulate_batches(
     changes
         Values by dotted key that replace those of the file.
     vary
-        Values by dotted key; the last key changes fastest.
+        Lists of values by dotted key; the last key changes fastest.
     runs
         Number of runs for each combination.
     seed
@@ -289,7 +289,7 @@ def _not_settled(runs: list[RunMetrics]) -> Iterator[str]:
 
 
 def _windings(runs: list[RunMetrics]) -> Iterator[str]:
-    """How hot the windings of coupled coils became; none if they do not warm up."""
+    """Statements about temperatures of the windings of coupled coils; none if they do not warm up."""
     hottest = [one.hottest_degC for one in runs if one.hottest_degC is not None]
     times = [one.too_hot_s for one in runs if one.too_hot_s is not None]
     if hottest:

@@ -56,7 +56,7 @@ def linear_points(experiment: Experiment, depths_mm: Sequence[float] | None = No
     experiment
         The scenario, ready to run.
     depths_mm
-        Readings of the vertical sensor, mm; that of the start unless given.
+        Readings of the vertical sensor, mm; by default the reading at the start.
 
     Raises
     ------
