@@ -256,8 +256,8 @@ static inline int fieldmap_linkages_by_tangent(fieldmap_electrical *e, const fie
     return status;
 }
 
-/* Update the field that the path keeps at the dipoles of the payload after a change of the currents, by the tangent. A field of
- * another cell than that of the rows is dropped. */
+/* Update the field that the path keeps at the dipoles of the payload after a change of the currents, by the tangent. The field
+ * is dropped if its cell is not the cell of the rows. */
 static inline void fieldmap_path_by_tangent(const fieldmap_electrical *e, const fieldmap_path *field, const double *change)
 {
     const size_t rows = (size_t)e->n * (size_t)e->row;

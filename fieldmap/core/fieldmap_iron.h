@@ -20,7 +20,7 @@
 #include "fieldmap.h"
 #include "flux_linkage.h"
 
-/* What a status means. */
+/* Text of a status. */
 static inline const char *fieldmap_iron_message(int status)
 {
     switch (status) {
@@ -31,8 +31,8 @@ static inline const char *fieldmap_iron_message(int status)
     }
 }
 
-/* A map in memory (in flash, say), used where it lies: `bytes`, at an address that is a multiple of 8, must outlive the
- * map. No memory is taken. */
+/* Use a map in memory, for example in flash, without a copy: `bytes`, at an address that is a multiple of 8, must outlive the
+ * map. Nothing is allocated. */
 static inline int fieldmap_iron_view(fieldmap_iron *map, const void *bytes, size_t size)
 {
     const unsigned char *raw = (const unsigned char *)bytes;
@@ -68,7 +68,7 @@ static inline int fieldmap_iron_view(fieldmap_iron *map, const void *bytes, size
     return status;
 }
 
-/* Give back what fieldmap_iron_open took. */
+/* Free the memory of fieldmap_iron_open. */
 static inline void fieldmap_iron_close(fieldmap_iron *map)
 {
     if (map != NULL) {
@@ -77,7 +77,7 @@ static inline void fieldmap_iron_close(fieldmap_iron *map)
     }
 }
 
-/* A map from a file. */
+/* Read a map from a file. */
 static inline int fieldmap_iron_open(fieldmap_iron *map, const char *path)
 {
     void *bytes;

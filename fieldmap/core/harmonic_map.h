@@ -66,7 +66,7 @@ static inline int fieldmap_sets(const fieldmap *map)
 /* Margin for rounding, in cells: a point this far outside counts as inside. */
 #define FIELDMAP_EDGE (sizeof(fm_real) < 8 ? FM(1e-5) : FM(1e-9))
 
-/* Where a point lies: cell (i, j, k), and coordinates 0 to 1 there. */
+/* Location of a point: cell (i, j, k), and coordinates 0 to 1 in the cell. */
 typedef struct fieldmap_spot {
     int cell[3];
     fm_real t[3];
@@ -91,7 +91,7 @@ FIELDMAP_INLINE int fieldmap_locate(const fieldmap *map, const fm_real *point, f
     return !finite ? FIELDMAP_NOT_FINITE : inside || map->clamps ? FIELDMAP_OK : FIELDMAP_OUTSIDE;
 }
 
-/* Where the sets of cell `spot`, or of the node of its corner 4 i + 2 j + k, begin. */
+/* Address of the sets of cell `spot`, or of the node at its corner 4 i + 2 j + k. */
 static inline const fm_real *fieldmap_sets_at(const fieldmap *map, const fieldmap_spot *spot, int corner)
 {
     const int nodes = map->kind == FIELDMAP_HERMITE;
@@ -130,14 +130,14 @@ static inline const fm_real *fieldmap_coefficients(
     return room;
 }
 
-/* The spot in the coordinates of its polynomial: from the middle of the cell, in its unit of length. */
+/* Fill local[3], the spot in the coordinates of its polynomial: from the middle of the cell, in the unit of length. */
 FIELDMAP_INLINE void fieldmap_from_middle(const fieldmap *map, const fieldmap_spot *spot, fm_real local[3])
 {
     int axis;
     for (axis = 0; axis < 3; axis++) local[axis] = (spot->t[axis] - FM(0.5)) * map->local[axis];
 }
 
-/* flux[3] and, unless NULL, gradient[9] from the nine of harmonics.h. */
+/* Fill flux[3] and, unless NULL, gradient[9] from the nine numbers of harmonics.h. */
 FIELDMAP_INLINE void fieldmap_store(fm_real per_length, const fm_real *nine, size_t step, fm_real *flux, fm_real *gradient)
 {
     flux[0] = nine[0], flux[1] = nine[step], flux[2] = nine[2 * step];

@@ -1,11 +1,11 @@
 /* harmonics.h: polynomials that solve Laplace's equation, and their derivatives (docs/theory/lookup.md (3) to (6)).
  *
- * A polynomial of degree L has (L + 1)^2 coefficients, in the order a_00; a_10, a_11, b_11; a_20, a_21, b_21, a_22, ...:
- * a_lm at l^2 + 2 m - 1 (l^2 for m = 0), b_lm behind it. It is the sum of a_lm Re R_l^m + b_lm Im R_l^m with the regular
- * solid harmonics R_l^m = r^l P_l^m(cos theta) e^(i m phi) / (l + m)!. In this normalisation (M. A. Epton and B. Dembart,
- * SIAM J. Sci. Comput. 16 (1995) 865) a derivative takes a coefficient to its neighbours, without factors.
+ * A polynomial of degree L has (L + 1)^2 coefficients, in the order a_00; a_10, a_11, b_11; a_20, a_21, b_21, a_22, ...: a_lm
+ * at l^2 + 2 m - 1 (l^2 for m = 0), followed by b_lm. It is the sum of a_lm Re R_l^m + b_lm Im R_l^m with the regular solid
+ * harmonics R_l^m = r^l P_l^m(cos theta) e^(i m phi) / (l + m)!. In this normalisation (M. A. Epton and B. Dembart, SIAM J.
+ * Sci. Comput. 16 (1995) 865) a derivative takes a coefficient to its neighbours, without factors.
  *
- * Numbers that belong together lie `step` apart: 1 for one point, FIELDMAP_LANES for points side by side.
+ * Successive numbers of a point are `step` apart: 1 for one point, FIELDMAP_LANES for points side by side.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -96,7 +96,7 @@ FIELDMAP_INLINE void fieldmap_polynomial_5(
     nine[6 * step] = yy, nine[7 * step] = yz, nine[8 * step] = zz;
 }
 
-/* Place of a_lm; b_lm lies behind it. */
+/* Index of a_lm; b_lm follows it. */
 static inline int fieldmap_place(int l, int m)
 {
     return m > 0 ? l * l + 2 * m - 1 : l * l;
@@ -206,7 +206,7 @@ FIELDMAP_INLINE void fieldmap_polynomial(
         }
         a[1] = -a[3], b[1] = b[3], a[0] = a[4], b[0] = -b[4];
         for (i = 0; i < 5 * lanes; i++) part[i] = FM(0);
-        /* Half of what the loop would add for m = 0. */
+        /* Half of the term that the loop would add for m = 0. */
         fieldmap_add_harmonic(lanes, harmonics + l * l * lanes, row[0], a[3], b[3], a[4], b[4], part);
         for (m = 1; m <= l; m++) {
             const fm_real *here = harmonics + fieldmap_place(l, m) * lanes;

@@ -125,7 +125,7 @@ static inline int fieldmap_iron_arrays(fieldmap_iron *map, const double *at, uin
     return FIELDMAP_OK;
 }
 
-/* Make a model of `count` numbers, which must outlive it: sizes, and the arrays behind them. */
+/* Make a model from `count` numbers, which must outlive it: sizes, then arrays. */
 static inline int fieldmap_iron_of_numbers(fieldmap_iron *map, const double *numbers, uint64_t count)
 {
     /* Upper limits of the sizes: 3 p, and products of numbers of modes, must fit into an int. */

@@ -1,6 +1,6 @@
 /* map_file.h: opens and checks a map in a file or in memory. All numbers are double.
  *
- * fieldmap.interop.c_map writes such files and says how they are made.
+ * fieldmap.interop.c_map writes such files and describes their layout.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -17,7 +17,7 @@
 /* Size of the header before the names, bytes. */
 enum { FIELDMAP_NAMES = 40 };
 
-/* What a status means. */
+/* Text of a status. */
 static inline const char *fieldmap_message(int status)
 {
     static const char *const texts[] = {
@@ -87,8 +87,8 @@ static inline int fieldmap_read_file(const char *path, void **bytes, size_t *siz
     return status;
 }
 
-/* A map in memory (in flash, say), used where it lies: `bytes`, at an address that is a multiple of 8, must outlive
- * the map. No memory is taken. */
+/* Use a map in memory, for example in flash, without a copy: `bytes`, at an address that is a multiple of 8, must outlive the
+ * map. Nothing is allocated. */
 static inline int fieldmap_view(fieldmap *map, const void *bytes, size_t size)
 {
     const unsigned char *raw = (const unsigned char *)bytes;
@@ -113,7 +113,7 @@ static inline int fieldmap_view(fieldmap *map, const void *bytes, size_t size)
     reacting = fieldmap_whole(block[FIELDMAP_REACTING], 0, FIELDMAP_REACTION_FIELDS);
     repelled = fieldmap_whole(block[FIELDMAP_REPELLED], 0, reacting);
     linked = fieldmap_whole(block[FIELDMAP_LINKED], 0, sets);
-    /* The checksum does not cover the version, so it must agree with the sizes, which the checksum covers. */
+    /* The checksum covers the sizes but not the version, so the version must agree with the sizes. */
     if (sets < 0 || reacting < 0 || repelled < 0 || linked < 0) return FIELDMAP_DAMAGED;
     if ((linked > 0) != (version == 4u) || (version < 4u && (reacting > 0) != (version == 3u))) return FIELDMAP_DAMAGED;
     linkages = (uint64_t)linked * (uint64_t)(linked + 1);
@@ -153,7 +153,7 @@ static inline void fieldmap_close(fieldmap *map)
     }
 }
 
-/* A map from a file. */
+/* Read a map from a file. */
 static inline int fieldmap_open(fieldmap *map, const char *path)
 {
     void *bytes;

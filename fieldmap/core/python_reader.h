@@ -80,7 +80,7 @@ static PyObject *value_of(reader *from, const char *name)
     return value;
 }
 
-/* A reader of an object's attributes (part_of: of an attribute's). `from` keeps alive what it reads. */
+/* A reader of an object's attributes (part_of: of an attribute's). `from` keeps the values alive. */
 static reader attributes_of(reader *from, PyObject *object)
 {
     reader part = {NULL, object, NULL};

@@ -97,7 +97,8 @@ FIELDMAP_INLINE void fieldmap_mobility(const fieldmap_rigid_body *body, double *
     for (i = 0; i < 3; i++) per[3 + i] = 1.0 / body->inertia[i];
 }
 
-/* Fill rates[6] at velocities[6]: accelerations, then angular ones without the gyroscopic part. per: from fieldmap_mobility. */
+/* Fill rates[6] at velocities[6]: acceleration, and angular acceleration without the gyroscopic part. per: of
+ * fieldmap_mobility. */
 FIELDMAP_INLINE void fieldmap_changes(const fieldmap_rigid_body *body, const double *per, const double *position,
                                       const double *r, const double *load, const double *velocities, double *rates)
 {

@@ -109,10 +109,11 @@ FIELDMAP_INLINE void fieldmap_turn_about_second(double *turn, double *momentum, 
 /* Advance the quaternion and the angular velocity, frame of the body, of a rotor of principal moments of inertia[3] by a time h
  * without torque; per[3]: 1 / inertia. docs/theory/dynamics.md (3) to (6).
  *
- * The kinetic energy L^2 / (2 I1) + L2^2 (1/I2 - 1/I1) / 2 + L3^2 (1/I3 - 1/I1) / 2, L the angular momentum in the body, is a
- * sum of parts whose motions are rotations: the first turns the body about L and commutes with the others. With I1 = I2 the
- * second is absent and the step is exact. Otherwise it is of second order, symmetric in time and symplectic; L keeps its length
- * and its direction in space to rounding. After Dullweber, Leimkuhler and McLachlan, J. Chem. Phys. 107, 5840 (1997). */
+ * The kinetic energy L^2 / (2 I1) + L2^2 (1/I2 - 1/I1) / 2 + L3^2 (1/I3 - 1/I1) / 2, with the angular momentum L in the body,
+ * is a sum of parts whose motions are rotations: the first part turns the body about L and commutes with the other parts. With
+ * I1 = I2 the second part is absent and the step is exact. Otherwise it is of second order, symmetric in time and symplectic; L
+ * keeps its length and its direction in space to rounding. After Dullweber, Leimkuhler and McLachlan, J. Chem. Phys. 107, 5840
+ * (1997). */
 FIELDMAP_INLINE void fieldmap_free_turn(
     double *turn, double *angular_velocity, const double *inertia, const double *per, double h)
 {
