@@ -125,7 +125,7 @@ def simulate_closed_loop(
     NotConverged
         If the model of saturating iron has no solution at the initial currents.
     ControllerError
-        If the function fails during the run. Other errors than `Exception`, such as KeyboardInterrupt, are not
+        If the function fails during the run. An exception outside `Exception`, such as KeyboardInterrupt, is not
         wrapped.
     """
     bound = None
@@ -391,7 +391,7 @@ class RunningMachine(PartsOfState):
         Parameters
         ----------
         seed
-            Seed of the noise; the last seed unless given.
+            Seed of the noise; by default the last seed.
 
         Returns
         -------
@@ -422,8 +422,8 @@ class RunningMachine(PartsOfState):
         outputs
             Outputs (m,) of the controller.
         dt
-            Time to the next sample, s: a whole number of mechanical steps of the schedule, and no less than
-            its delay. The schedule's period unless given.
+            Time to the next sample, s: a whole number of mechanical steps of the schedule, and no less than its
+            delay. The default is the schedule's period.
 
         Returns
         -------
@@ -572,7 +572,7 @@ class RunningMachine(PartsOfState):
 
 
 def given_outputs(gives: str, lower: ArrayLike = -np.inf, upper: ArrayLike = np.inf) -> FunctionController:
-    """The outputs and limits of a machine whose caller gives the outputs, as a controller that is never called."""
+    """Kind and limits of outputs that the caller gives, as a controller that is never called."""
 
     def given(time: float, measured: Array, reference: Array, state: Array) -> Array:
         raise AssertionError

@@ -138,7 +138,7 @@ def lag_in_model(sensors: Sensors, period: float) -> Array:
     sensors
         The sensors.
     period
-        Of the control task, s.
+        Control period, s.
 
     Returns
     -------
@@ -395,7 +395,7 @@ def force_controller(
     Parameters
     ----------
     machine
-        The machine whose field is inverted.
+        The machine with the field of the inverse map.
     operating_point
         Operating point at the start.
     weights

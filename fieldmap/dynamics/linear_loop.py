@@ -165,8 +165,7 @@ def close_loop(
 
 
 def _without_constants(block: ControllerBlock) -> ControllerBlock:
-    """A block without constant numbers in its memory, such as the integral of a PD controller: they are poles at
-    1."""
+    """A block without constant numbers in its memory, such as the integral of a PD controller, a pole at 1."""
     changes = (np.eye(len(block.A)) != block.A).any(axis=1) | block.B.any(axis=1) | block.E.any(axis=1)
     return replace(
         block,

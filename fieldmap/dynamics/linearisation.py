@@ -449,7 +449,7 @@ class Coupling(Record):
 
 
 def coupling(linear: LinearMachine, frequency: float = 0.0) -> Coupling:
-    """Gains and relative gains of a machine with as many inputs as outputs.
+    """Gains and relative gains of a machine with equal numbers of inputs and outputs.
 
     Parameters
     ----------

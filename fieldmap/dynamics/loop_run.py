@@ -61,8 +61,7 @@ class WindingUse(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Event(Record):
-    """The event that ended a run early. name: short; about: a sentence; time, s; state (13,) and currents (n,)
-    then."""
+    """The event that ended a run early. name: short; about: a sentence; time, s; state (13,), currents (n,)."""
 
     name: str
     about: str
@@ -114,8 +113,8 @@ class LevitationRun(PartsOfState, LoopRun):
     references (r, 3), m. event: the event that ended the run early, or None. touched: walls that the body touched,
     and "currents" if they left the table of saturating iron or the domain of its model. seen_at (3,): the sensed
     point in the body. forces: whether the outputs are forces, N, for an inverse map. output_names (m,): of other
-    outputs. iron: the model of the iron, and its solves. windings: of coupled coils, whose rows end with voltages and
-    temperatures (2 n); None for ideal drives.
+    outputs. iron: the model of the iron, and its solves. windings: of coupled coils, which add voltages and
+    temperatures (2 n) to the rows; None for ideal drives.
     """
 
     rows: Array

@@ -433,7 +433,7 @@ class Sensors(Record):
 
 
 class ChainKeys(Table):
-    """Keys of the sensors' measuring chain, whose frame, rigs and noise of the converters these make."""
+    """Keys of the sensors' measuring chain, for their frame, rigs and noise of the converters."""
 
     angle_deg: float = Field(default=0.0, description="of the crossed sensors against x and y")
     step_mm: NotNegative = Field(default=0.0, description="resolution of the sensors")

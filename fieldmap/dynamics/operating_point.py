@@ -50,7 +50,7 @@ def find_operating_point(
     guess: ArrayLike = (0.0, 0.0, 0.0),
     near: ArrayLike = (0.0, 0.0, 0.0),
 ) -> OperatingPoint:
-    """Find the equilibrium with a given sensed point and given outputs, of which NaN marks the unknowns.
+    """Find the equilibrium with a given sensed point and given outputs; NaN marks unknowns.
 
     The unknowns are three numbers marked by NaN, and the lean of the body (2) unless it stays upright; the equations
     are three forces and two torques. With a given height the lift is unknown; either x or the x signal, and either y

@@ -43,8 +43,8 @@ _ZERO: Three = (0.0, 0.0, 0.0)
 class Drag(Record):
     """Resistance of the air, by axes: docs/theory/dynamics.md (9), (10).
 
-    linear: N s/m along the axes of the map. body_linear: N s/m, body_quadratic: N s^2/m^2, along those of the body.
-    turning: N m s, turning_quadratic: N m s^2, about those of the body.
+    linear: N s/m along the axes of the map. body_linear: N s/m, body_quadratic: N s^2/m^2, along the axes of the
+    body. turning: N m s, turning_quadratic: N m s^2, about the axes of the body.
     """
 
     linear: Annotated[Three, Key(NotNegatives, "drag along the map's x, y, z", "N_s_per_m")] = _ZERO
@@ -91,11 +91,11 @@ def _has_a_length(normal: list[float], info: ValidationInfo) -> None:
 
 @dataclass(frozen=True, repr=False)
 class Plate(Record):
-    """A conducting plate without end to the sides, on the other side of its face than the magnet.
+    """A conducting plate that extends to infinity sideways. Its face separates it from the magnet.
 
-    conductivity: S/m; thickness: m (infinite: a half space); face: a point of its face, m; normal: of the face, to the
-    side of the magnet, any length. Eddy currents are those of slow motion: their own field is left out, which is wrong
-    by the order of (speed / critical_speed)^2. docs/theory/dynamics.md (11)..(18).
+    conductivity: S/m; thickness: m (infinite: a half space); face: a point of its face, m; normal: of the face, to
+    the side of the magnet, any length. Eddy currents are computed for slow motion: their own field is neglected, with
+    a relative error of order (speed / critical_speed)^2. docs/theory/dynamics.md (11)..(18).
     """
 
     conductivity: Annotated[Positive, Key(..., "conductivity, 3.5e7 for aluminium", "S_per_m")]
@@ -112,7 +112,7 @@ class Plate(Record):
 
     @property
     def critical_speed(self) -> float:
-        """Maxwell's speed 2 / (mu0 conductivity thickness), m/s, at which images of eddy currents recede (Saslow
+        """Speed 2 / (mu0 conductivity thickness), m/s, at which images of eddy currents recede (Maxwell; Saslow
         1992)."""
         return 2.0 / (MU0 * self.conductivity * self.thickness)
 
@@ -167,11 +167,12 @@ class Plate(Record):
 
 @dataclass(frozen=True, repr=False)
 class Walls(Record):
-    """What the body can touch: a penalty, docs/theory/dynamics.md (19), (20).
+    """Walls that the body can touch, with penalty forces: docs/theory/dynamics.md (19), (20).
 
-    floor, ceiling: heights, m; radius of the tube and its axis (x, y), m; None where there is none. contact_time: s,
-    half a period of the body bouncing on one point, which sets the stiffness. restitution: speed after a bounce over
-    that before, 0 < restitution <= 1, which sets the damping. friction: Coulomb's coefficient, viscous below slip, m/s.
+    floor, ceiling: heights, m; radius of the tube and its axis (x, y), m; None for no wall. contact_time: s, half a
+    period of the body bouncing on one point, which sets the stiffness. restitution: speed after a bounce over the
+    speed before, 0 < restitution <= 1, which sets the damping. friction: Coulomb's coefficient, viscous below slip,
+    m/s.
     """
 
     floor: Annotated[float | None, Key(..., "z of a floor", "mm")] = None
@@ -304,8 +305,8 @@ def body_of_payload(
     magnet: MagneticBody | None = None,
     upright: bool | None = None,
 ) -> RigidBody:
-    """The upright body of a device's payload, with z along the magnet's axis. The payload states moment and sensed
-    point.
+    """The upright body of a device's payload, with z along the magnet's axis. The payload has the moment and the
+    sensed point.
 
     A payload without an inertia gets that of a uniform body with its mass: of the given cylinder, or else of the
     shape of the magnet or the pieces.

@@ -29,7 +29,7 @@ _STEPS, _TRIALS = 100, 30
 _FIRST_DAMPING, _LEAST_DAMPING = 1e-3, 1e-9
 # A search ends at a step below this size in `_UNITS`.
 _ENOUGH = 1e-6
-# Largest sum of squared residuals of a pose: a share of that of the readings, or squared deviations per reading.
+# Largest sum of squared residuals: this share of that of the readings, or this many deviations^2 per reading.
 _EXPLAINED, _IN_NOISE = 0.25, 100.0
 # Number of positions that are evaluated at a time, limited by memory.
 _AT_ONCE = 500

@@ -90,10 +90,9 @@ class JaxField:
     """Field of a map, its derivatives, and the wrench on dipoles, from `jax_field`. A call evaluates `field`.
 
     Points (..., 3), m; currents (n_coils,) for all points, or (..., n_coils) with the leading axes of the points, A.
-    Results have the leading axes of the points. They are NaN for arguments that are not finite, and outside the box;
-    for a map opened with outside="clamp" they are there the field at the nearest point of the box. No errors are
-    raised, because compiled code cannot raise them. Saturating iron is solved in every call, without a check of its
-    domain.
+    Results have the leading axes of the points. They are NaN for arguments that are not finite and outside the box. A
+    map opened with outside="clamp" has the field of the nearest point of the box outside. No errors are raised,
+    because compiled code cannot raise them. Saturating iron is solved in every call, without a check of its domain.
     """
 
     def __init__(

@@ -67,10 +67,10 @@ class LevitationEnv(Env):
     velocity (3), rad/s, frame of the body; currents (n,), A. Noise is added to the position.
 
     Action in -1..1, n currents or 3 signals. "currents": currents at rest + span * action, span in A. "signals": an
-    additional force along x, y and z, span * weight * action, by changes of currents of least power at the target.
+    additional force along x, y and z, span * weight * action, by the least changes of the currents at the target.
     Currents at rest are those of least power that carry the body at the target. For a map over a current
     parametrisation, such as a division, its variables replace the currents: variables at rest + span * half of their
-    ranges * action, within these ranges; a force comes from least changes of them.
+    ranges * action, within these ranges; a force comes from the least changes of these variables.
 
     info of a step: `unsolved`, number of solves of the iron's model that did not converge and left the iron
     unchanged, and `outside`, number at currents outside the map's domain, where the error of the model is unknown.

@@ -7,13 +7,13 @@
 Behaviour of its reader (`ForwardModelLinearVField`), from the source of Tesla_core 4.0.1 (mag_control/mag_manip) and
 confirmed in the wheel mag_manip 3.0.0:
 
-- It takes node (i, j, k) from `i dim_x dim_y + j dim_y + k` (interpolate_regular.h:325). The data are in the order that
-  its documentation asks for only where the three counts are equal, so a map is resampled to equal counts.
+- It takes node (i, j, k) from `i dim_x dim_y + j dim_y + k` (interpolate_regular.h:325). The data are in the order
+  that its documentation asks for only where the three counts are equal, so a map is resampled to equal counts.
 - It interpolates by cubics whose slopes at the nodes are central differences, one-sided ones in the outermost nodes
-(interpolate_tricubic.cpp:50, interpolate_regular.cpp:58). The error of the outermost cells falls only with the square
-of the spacing; the number of nodes keeps it small.
+  (interpolate_tricubic.cpp:50, interpolate_regular.cpp:58). The error of the outermost cells falls only with the
+  square of the spacing; the number of nodes keeps it small.
 - It sorts the coils' keys as texts (forward_model_linear_vfield.cpp:126), so coils are numbered in the order of
-currents; a comment has their names.
+  currents; a comment has their names.
 - Numbers of the file become single precision. A point on or beyond the rounded faces is an error
   (interpolate_regular.h:153, interpolate_regular.cpp:77), so the faces are rounded outwards.
 """
@@ -348,7 +348,7 @@ def _coil(entry: dict[str, Any]) -> tuple[Grid, np.ndarray]:
     if min(shape) < 2 or not np.isfinite([low, high]).all():
         raise ValueError(f"{nx}, {ny}, {nz} nodes from {low} to {high}")
     data = entry["data"]
-    # This check precedes all arrays, because a small file can stand for 1e9 numbers by YAML aliases.
+    # This check comes before any array is made, because YAML aliases let a small file expand to 1e9 numbers.
     if not isinstance(data, list) or len(data) != nx * ny * nz or not all(map(_is_vector, data)):
         raise ValueError(f"data that are not {nx * ny * nz} times three numbers")
     return Grid(low, (high - low) / (np.array(shape) - 1), shape), np.array(data, dtype=np.float64)

@@ -46,7 +46,7 @@ class MagnetForces:
     or an offset that are not finite numbers of these shapes; FieldmapError without MuJoCo.
 
     The callback is compiled (`compiled`) unless the map has saturating iron or another evaluator than the C core.
-    compiled=False selects Python. It serves any number of data and threads of the model, with the same `currents`.
+    compiled=False selects Python. The callback serves any data and threads of the model, with the same `currents`.
 
     After a magnet leaves the box, no forces are added, and `check`, or the end of the context, raises
     OutsideMapError, because an exception cannot pass through MuJoCo. A map with outside="clamp" has the field of the

@@ -95,9 +95,9 @@ def read_measurements(
     units
         Column -> unit, for headings without a unit.
     delimiter
-        comma, semicolon, tab or blanks; recognised unless given.
+        comma, semicolon, tab or blanks; by default recognised.
     decimal
-        "." or ","; recognised unless given.
+        "." or ","; by default recognised.
 
     Returns
     -------

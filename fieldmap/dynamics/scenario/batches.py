@@ -48,7 +48,7 @@ class Batch(Record):
     Attributes
     ----------
     varied : these values by key; empty if no key varies.
-    experiment : what was run.
+    experiment : the experiment of the runs.
     runs : metrics of each run, and its signals if they are kept.
     seconds : processor time of the runs alone.
     """

@@ -52,7 +52,7 @@ class Experiment(Record):
     Attributes
     ----------
     scenario : as read.
-    machine : what is simulated.
+    machine : the simulated machine.
     controller : None for a scenario that leaves it to the caller.
     schedule : references, disturbances and the clock.
     state : (13,), at the start.

@@ -22,7 +22,7 @@ from fieldmap.lookup import FieldMap
 from fieldmap.records import Record
 
 _EACH = Number | list[Number]
-# Scans per control period of an equivalent position sensor, so many that its delay is the latency alone.
+# Scans per control period of an equivalent position sensor, a large number so that its delay is the latency alone.
 _SCANS = 1000
 
 

@@ -170,7 +170,7 @@ class CoilSettings(DriveChoice):
     ] = 0.0
 
     def drive(self, device: Device) -> CoilDrive:
-        """The drive of a device's coils. Raises ScenarioError if it needs what the device does not have."""
+        """The drive of a device's coils. Raises ScenarioError if the device lacks numbers for it."""
         converter = None if self.output_bits is None else Converter(self.output_range, self.output_bits)
         more = {"time_constant": self.time_constant, "converter": converter}
         try:
