@@ -20,7 +20,7 @@ def shipped_folder(kind: str) -> Path:
 
 
 def is_file(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is at a path that somebody wrote; False where it can be none: too long, or out of reach.
+    """Whether a path is a file; False also for a path that is invalid, too long or not accessible.
 
     >>> is_file(__file__), is_file("x" * 5000), is_file("no\\x00name")
     (True, False, False)
