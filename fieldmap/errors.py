@@ -165,10 +165,9 @@ class NoEquilibrium(FieldmapError):  # noqa: N818 - reads as the outcome it is
 class Infeasible(FieldmapError):  # noqa: N818 - a name fixed by the public interface
     """No currents within the limits meet the demand.
 
-    Attributes, None or empty if unknown: reachable, the nearest result that exists, in the order of the demand;
-    share, the share of the demand that can be met; binding, coils with limits that rule the demand out, and these
-    limits, A; actuation, derivatives of several forces by the currents at the end of the search
-    (`fieldmap.lookup.Actuation`).
+    Attributes, None or empty if unknown: reachable, the nearest possible result, in the order of the demand; share, the
+    share of the demand that can be met; binding, the coils whose limits exclude the demand, with these limits, A;
+    actuation, for several forces, their derivatives by the currents at the end (`fieldmap.lookup.Actuation`).
     """
 
     def __init__(

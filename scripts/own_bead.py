@@ -3,9 +3,8 @@
     fieldmap map eight_coils_bead
     python scripts/own_bead.py [--map maps/out/eight_coils_bead.h5]        (half a minute)
 
-Prints processor seconds of 10 s, the least of some runs that take turns, for the function in Python and in numba, on
-the model of the iron and on iron linearised about the start; the time of one call of each function; and the distance of
-the bead from its path.
+Prints processor seconds of 10 s, the least of some runs in turns, for the function in Python and in numba, on the iron
+model and on iron linearised about the start; the time of a call of each function; and the distance from the path.
 """
 
 import argparse

@@ -33,8 +33,7 @@ _MOST_POINTS = 700
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Readings(Record):
-    """A run as the thesis's figures show it: time (r,), s; true, measured (`seen`) and reference (`wanted`) positions
-    (r, 3): x, y, depth, mm."""
+    """A run as in the thesis's figures: time (r,), s; true, measured and reference x, y and depth (r, 3), mm."""
 
     run: ScenarioRun
     time: Array
@@ -144,8 +143,7 @@ def with_measured(curves: Curves, name: str, x: ArrayLike, y: ArrayLike, *, poin
 def beside_models(
     title: str, axis: int, run: Readings, models: Mapping[str, tuple[TransferFunction, PID]], **shown: Any
 ) -> Curves:
-    """A run, and the responses of closed-loop models (plant and controller) to its reference; shown: as in
-    `over_time`."""
+    """A run, and responses of closed-loop models (plant, controller) to its reference; shown: as in `over_time`."""
     begin = run.wanted[0, axis]
     asked = run.wanted[:, axis] - begin
     answers = {name: begin + simulate_loop(*model, asked).y[0] for name, model in models.items()}

@@ -197,8 +197,7 @@ def both_ways(name: str, signals: Array, out: Array, back: Array, kind: str = "o
 
 
 def _follows(drawn: list[Series]) -> str:
-    """A line with the largest outward motion, the largest distance of the return branch from the outward branch, and
-    the largest error of the model with held lift, over both directions."""
+    """One line: largest outward motion, error of the model with held lift, and distance between the two branches."""
     names = (_HELD["held"], "measured, outward", "measured, on the way back")
     held, out, back = (np.array([one.y for one in drawn if one.name == name]) for name in names)
     moved, off, lead = (float(np.abs(a).max()) for a in (out - out[:, :1], held - out, back - out))
@@ -331,8 +330,7 @@ def own_current(inputs: dict[str, Any]) -> Answers:
 
 @detail.cached
 def sensitivity_at_origin() -> levitation.Sensitivity:
-    """Sensitivity at the current of (7-18) in every coil, z_s = 10 mm, h = 15 mm, from twelve further states with
-    +-0.035 A in one coil each."""
+    """Sensitivity at the current of (7-18), z_s = 10 mm, h = 15 mm, from twelve states with +-0.035 A in one coil."""
     states, currents = unit_states(), np.full(6, thesis_lift_current(10.0))
     height = magnet_height(10.0, 1e-3 * DRAWN_H)
     (point,) = stationary_points(states, currents, payload(), height, samples=10).points
@@ -340,8 +338,7 @@ def sensitivity_at_origin() -> levitation.Sensitivity:
 
 
 def noise(inputs: dict[str, Any]) -> Answers:
-    """RMS of the position for independent current noise of Table 3-10, and the noise that would explain the measured
-    RMS."""
+    """RMS position by independent current noise of Table 3-10, and the noise that would explain the measured RMS."""
     found = sensitivity_at_origin()
     deviation = float(np.mean(inputs["deviation_A"]))
     rms = {held: 1e3 * np.sqrt(np.diag(found.noise(deviation, held))) for held in (False, True)}
@@ -367,8 +364,7 @@ FITS: dict[str, tuple[tuple[str, ...], str]] = {
     "with_x": (("field_scale", "magnet_offset", "current_scale"), "x"),
     "with_x_and_y": (("field_scale", "magnet_offset", "current_scale"), "xy"),
 }
-"""Name -> free parameters, and the axes with positions that are fitted together with (7-18). Parameters that are not
-free keep h = 15 mm and scales of 1."""
+"""Name -> free parameters, and axes whose positions are fitted besides (7-18). Fixed values: h = 15 mm, scales 1."""
 OFFSET_LIMITS = (5e-3, 30e-3)
 """Limits, m: the magnet is 10 mm tall and lies inside the body."""
 

@@ -1,9 +1,8 @@
 """Speed of the simulation of a levitated magnet on one core, relative to real time, and time of a thousand runs.
 
 Closed loop in six degrees of freedom: PID every 2 ms, mechanics every 0.1 ms, coils with R and L, noise of sensors and
-currents, crossed sensors, 16-bit converter. Times are processor seconds, so that a busy machine matters less. The map
-is made up, with the size of the drive unit and in harmonic form: six fields of coils, and for the table twenty fields
-of iron.
+currents, crossed sensors, 16-bit converter. Times are processor seconds, so that a busy machine matters less. The map,
+made up in harmonic form, has the size of the drive unit: six fields of coils, and for the table twenty fields of iron.
 """
 
 import os

@@ -82,8 +82,7 @@ def _responding(*magnets: tuple[Any, float]) -> magpylib.Collection:
 
 @dataclass(frozen=True)
 class Case:
-    """A model with points on lines along x, and the data set of finite elements, of which every `every`-th point is
-    used."""
+    """A model, lines of points along x, and the data set of finite elements, of which every `every`-th point counts."""
 
     name: str
     model: Callable[[], magpylib.Collection]

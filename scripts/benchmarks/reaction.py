@@ -1,8 +1,7 @@
 """Cost of the iron's reaction to magnets: maps with and without the reaction, and one wrench on a dipole.
 
-Maps of linear iron, where solves for single dipoles are added to few solves for coils; one on the mesh of the device,
-one on a coarse mesh. Times are processor seconds of the map, and of a wrench by the C core from Python; the least of
-three.
+Maps of linear iron, where solves for single dipoles are added to few solves for coils, on the mesh of the device and on
+a coarse one. Times are processor seconds of the map and of a wrench by the C core from Python, the least of three.
 """
 
 import time

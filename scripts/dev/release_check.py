@@ -13,8 +13,7 @@
 5. citation: `cffconvert --validate` for CITATION.cff, which must state the version of the package.
 6. wheels: of the other systems, built from the source distribution and checked by scripts/dev/wheels.py (on Linux).
 
-Takes about 1.5 GB of disk in a folder that is deleted at the end, besides the downloads of pip. The exit code is 1 if
-anything fails.
+Takes about 1.5 GB of disk in a folder that is deleted at the end, and downloads. The exit code is 1 if anything fails.
 """
 
 import argparse

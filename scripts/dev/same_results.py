@@ -301,10 +301,7 @@ def _compare_run(one: h5py.Group, two: h5py.Group, keys: dict[str, Any], toleran
 
 
 def _first_at_limit(outputs: h5py.Dataset, control: dict[str, Any]) -> int:
-    """The first row with an output within a thousandth of the range from a limit; the number of rows if none is.
-
-    The margin allows for the rounding of a converter.
-    """
+    """The first row with an output at a limit, within a thousandth of its range for converters; or all rows."""
     values = np.asarray(outputs)
     axes = [control.get(axis, {}) for axis in "zxy"]
     if values.shape[1] != len(axes):

@@ -3,9 +3,8 @@
     python scripts/studies/drive_unit_tolerances.py [--samples 50] [--kept FOLDER]
 
 Lift current with the magnet 102 mm below the disk, and shift of the equilibrium by the direction signal x = 0.2:
-standard deviations to first order, shares of each number, and random devices for comparison. Saturating iron on a
-coarse mesh. Devices are kept in FOLDER; a second run prints the same table without solves, and a run with more samples
-continues.
+first-order standard deviations, shares of each number, and random devices. Saturating iron on a coarse mesh. Devices
+are kept in FOLDER; a second run prints the same table without solves, and a run with more samples continues.
 """
 
 import argparse

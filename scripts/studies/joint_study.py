@@ -51,8 +51,7 @@ from fieldmap.typing import Array  # noqa: E402
 JOINT, COERCIVE, H = "parameters.joint", "material.steel.coercive_field_A_per_m", "payload.magnet_offset_mm"
 LOWER = "joint.lower.gap_mm"
 DEVIATION = 0.5
-"""Standard deviation of a position, mm, about the misfit of the fitted model. The thesis states none; its sensors
-resolve 0.01 mm."""
+"""Standard deviation of a position, mm, about the misfit of the fit. The thesis states none; sensors read 0.01 mm."""
 UNKNOWNS = (
     Unknown(JOINT, 0.05, lower=0.001, upper=1.0, step=0.015),
     Unknown(COERCIVE, 200.0, lower=0.0, upper=2000.0, step=40.0),

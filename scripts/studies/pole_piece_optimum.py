@@ -1,5 +1,4 @@
-"""Optimisation of the drive unit's pole disk, compared with the twelve disks of the study `pole_disk`:
-docs/optimise.md.
+"""Optimisation of the drive unit's pole disk, against the twelve disks of the study `pole_disk`: docs/optimise.md.
 
     python scripts/studies/pole_piece_optimum.py [--kept FOLDER]
 

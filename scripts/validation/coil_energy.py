@@ -19,8 +19,7 @@ from fieldmap.typing import Array
 
 STEP, TIME, EVERY = 1e-4, 10.0, 500
 MOMENT, INERTIA, LEAN = 0.813, 1e-6, 0.3
-"""Moment, A m^2, inertia, kg m^2, and initial tilt, rad, of a magnet that cannot move and that the field turns
-upright."""
+"""Moment, A m^2, inertia, kg m^2, and initial tilt, rad, of a magnet that only turns, towards upright."""
 SWAY, RATE = 6.0, 40.0
 """Amplitude, V, and angular frequency, rad/s, of the voltages about constant ones."""
 

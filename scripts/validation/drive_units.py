@@ -1,5 +1,4 @@
-"""Six cores on a disk, and the drive unit with yoke: comparison with bracketed values and the finest mesh, symmetry,
-and time."""
+"""Six cores on a disk, and the drive unit with yoke: bracketed values, the finest mesh, symmetry, and time."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

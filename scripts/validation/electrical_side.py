@@ -21,8 +21,7 @@ from validation.thesis_dynamics import printed
 
 HEADING = "The electrical side"
 BANDWIDTHS = (100.0, 1000.0)
-"""Bandwidths of the amplifier's controller, Hz. The thesis states none; the supply limits the current rate, so both
-give the same results."""
+"""Bandwidths of the amplifier's controller, Hz, which the thesis does not state; the results are nearly the same."""
 LOWEST = {"-40 to 40 V": -40.0, "0 to 40 V": 0.0}
 """Lowest voltage, V, by column. The thesis does not state whether the amplifier reverses the supply."""
 Inputs = dict[str, Any]

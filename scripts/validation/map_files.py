@@ -287,9 +287,8 @@ def _is_piece(text: str) -> bool:
 def _kill(
     recipe: Path, target: Path, latest: float, kills: int, where: dict[str, Any]
 ) -> tuple[int, list[str]]:
-    """Start the run and kill it, `kills` times, at a random moment: within three times `latest` seconds, or soon after
-    the beginning of its first, second or third piece, so that it does not finish. Returns the number of kills and the
-    steps at which they came."""
+    """Start and kill the run `kills` times, at a random moment within three times `latest` seconds, or, so that it does
+    not finish, soon after it begins its first, second or third piece. Returns the number of kills and their steps."""
     moments, died = random.Random(7), {}
     for kill in range(kills):
         last, left = "starting", moments.randint(1, 3)

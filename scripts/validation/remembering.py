@@ -140,9 +140,8 @@ def _small_loops(opened: FieldMap, solver: HysteresisSolver, level: Array) -> It
 
 
 def _energy_left(opened: FieldMap, reduced: ReducedModel) -> float:
-    """Relative error of the energy balance of a cycle of all currents: energy from the coils less stored energy, over
-    the heat, less 1. Computed from the state of the cells in numpy; the second-order error of the trapezoidal rule is
-    extrapolated."""
+    """Relative error of the energy balance in a cycle of all currents: energy from the coils less stored energy, over
+    the heat, less 1, from the cells in numpy. The second-order error of the trapezoidal rule is extrapolated."""
     errors = []
     for count in CYCLES:
         turn = 2.0 * np.pi * np.arange(count + 1)[:, None] / count

@@ -41,8 +41,7 @@ def by_table(
     flux_density: list[float],
     saturation: float | None = None,
 ) -> Steel:
-    """A B-H table, A/m and T. saturation: polarisation, T, that the law approaches beyond the last point; None: the law
-    ends there."""
+    """A B-H table, A/m and T. saturation: polarisation, T, approached beyond the last point; None: no law there."""
     keys = {
         "kind": "bh_table",
         "H_A_per_m": field_strength,
