@@ -34,8 +34,8 @@ SENSOR = "#2b9d5a"
 FLUX: Final = "B, mT"
 NAME_SIZE = 30
 VIEW: Final = (0.42, -1.0, 0.27)
-"""Towards the viewer, who stands in front (-y), a little to the right and above."""
-# The opacity of what hides more than this share of the workspace.
+"""Direction towards the viewer, who stands in front (-y), a little to the right and above."""
+# Opacity of a solid in front of the workspace, and the share of the workspace that a solid must hide for it.
 _TRANSLUCENT, _HIDDEN = 0.25, 0.1
 # The arrow of a field sensor, of the largest length of the machine.
 _SENSOR_LENGTH = 0.09
@@ -58,8 +58,8 @@ def device_scene(
     directions: bool = True,
 ) -> pv.Plotter:
     """Draw coils with their names and the sense of their current, iron, field sensors as arrows along their axes, the
-    workspace box and, if given, B on slices of a field, as colour and direction. What stands between the viewer and the
-    workspace is translucent.
+    workspace box and, if given, B on slices of a field, as colour and direction. Solids between the viewer and the
+    workspace are translucent.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def device_scene(
     flowing = coil_currents(1.0 if currents is None else currents, of)
     by_name = dict(zip(of, flowing, strict=True))
     for coil in device.coils:
-        # A map may have been made of other coils than those of the device that is drawn with it.
+        # A map may have other coils than the device that is drawn with it.
         ampere = by_name.get(coil.name, 1.0)
         surface = solids.winding_surface(coil)
         _add_solid(scene, surface, COPPER, _seen_through(surface, device.workspace, coil_opacity))
@@ -146,7 +146,7 @@ def device_scene(
 
 
 def _seen_through(surface: pv.PolyData, space: Workspace | None, opacity: float) -> float:
-    """The opacity of a solid: little where it stands before much of the workspace."""
+    """The opacity of a solid: low if it hides much of the workspace."""
     if space is None:
         return opacity
     room = solids.extent(solids.workspace_outline(space))
@@ -178,17 +178,17 @@ def _add_solid(scene: pv.Plotter, surface: pv.DataSet, colour: str, opacity: flo
 def _add_names(scene: pv.Plotter, device: Device) -> None:
     """Names of the coils on their windings; the windings in front hide those behind."""
     for coil in device.coils:
-        # Labels at points are drawn over everything, or nowhere.
+        # Point labels of pyvista would be drawn over everything or not at all.
         text = vtkBillboardTextActor3D()
         text.SetInput(coil.name)
-        # Before the winding and what juts out over it, in a view where that moves nothing.
+        # In front of the winding and its surroundings; the parallel projection does not shift the text.
         before = 0.25 * float(np.ptp(solids.extent(solids.winding_surface(coil)), axis=1).max())
         text.SetPosition(*(solids.name_place(coil, VIEW) + before * np.array(VIEW)))
         text.GetTextProperty().SetFontSize(NAME_SIZE)
         text.GetTextProperty().SetBold(True)
         text.GetTextProperty().SetJustificationToCentered()
         text.GetTextProperty().SetVerticalJustificationToCentered()
-        # On copper in both schemes.
+        # Black in both schemes, because the text is on copper.
         text.GetTextProperty().SetColor(0.0, 0.0, 0.0)
         scene.add_actor(text, pickable=False, reset_camera=False)  # type: ignore[arg-type]
 
@@ -208,16 +208,16 @@ def add_planes(
 
 
 def add_directions(scene: pv.Plotter, field: FieldAtCurrents, box: Bounds) -> None:
-    """Arrows along B, all of one length, before the slices x = middle and y = middle of a box."""
+    """Arrows along B, all of one length, in front of the slices x = middle and y = middle of a box."""
     size = np.subtract(box[1], box[0])
     step = float(size.max()) / _ARROWS
     counts = np.maximum(2, np.rint(size / step)).astype(int)
     slices = [plane_of(box, normal, None, tuple(np.delete(counts, k))) for k, normal in enumerate("xy")]
-    # One row stands where the slices cross: once is enough.
+    # The slices share one row of points.
     points = np.unique(np.vstack([places for places, _ in slices]).round(12), axis=0)
     before = points + 1e-3 * _BEFORE * np.sign(VIEW) * [1.0, 1.0, 0.0]
     flux = field.field(points)
-    # Where there is no field, without currents, there is no arrow to be seen.
+    # Zero field, as without currents, gives no visible arrow.
     even = flux / np.maximum(np.linalg.norm(flux, axis=1, keepdims=True), np.finfo(float).tiny)
     scene.add_mesh(arrows_at(before, even, _ARROW_LENGTH * MM * step), color="white", lighting=False)
 

@@ -23,7 +23,7 @@ _NAMES = ("x", "y", "depth")
 _SMALL = 0.5
 """Readings below this, in mm, are drawn in micrometres."""
 _SETTLED = 0.05
-"""Of a step: nearer than this share of it a reading has arrived."""
+"""Share of a step within which a reading has settled."""
 _TRUE, _MEASURED, *_ = COLOURS
 _LINES = ("-", "--", ":", "-.")
 _ASKED: dict[str, Any] = {"color": INK, "linewidth": 0.9, "linestyle": "--"}
@@ -59,10 +59,10 @@ class DrawnRun(TypedDict):
 
 
 def drawn_run(run: ScenarioRun, varied: Mapping[str, object] | None = None) -> DrawnRun:
-    """What is drawn of a run of a scenario; varied: the values of the varied keys."""
+    """The drawn data of a run of a scenario. varied: the values of the varied keys."""
     about: Any = {"coil_names": run.coil_names, "event": run.metrics.event, "varied": varied or {}}
     if not len(run.time):
-        # A run that ended at once is drawn as one sample.
+        # A run without samples is drawn as one sample.
         names, nothing = ("wanted", "true", "seen"), np.zeros((1, 3))
         return (
             dict.fromkeys(names, nothing)
@@ -77,15 +77,14 @@ def drawn_run(run: ScenarioRun, varied: Mapping[str, object] | None = None) -> D
 def read_drawn_runs(
     paths: Sequence[PathLike], names: Sequence[str] | None = None
 ) -> tuple[str, list[DrawnRun]]:
-    """The runs of files that `fieldmap simulate -o` wrote, to be laid over one another by `run_figure`.
+    """The runs of files that `fieldmap simulate -o` wrote, for a common figure by `run_figure`.
 
     Parameters
     ----------
     paths
-        Of the files.
+        Paths of the files.
     names
-        Of the runs of each file in the legend; those of the files unless given. A file of several values of varied keys
-        has these behind its name.
+        Name of each file's runs in the legend; by default the name of the file. Values of varied keys follow the name.
 
     Returns
     -------
@@ -95,7 +94,7 @@ def read_drawn_runs(
     Raises
     ------
     InputError
-        For a file without runs, and for names that are not one for each file.
+        For a file without runs, and for another number of names than of files.
     """
     files = [Path(path) for path in paths]
     stems = [file.stem for file in files]
@@ -113,7 +112,7 @@ def read_drawn_runs(
 
 
 def _recorded_run(file: Path, record: RunRecord, name: str) -> DrawnRun:
-    """Raises InputError for a run without samples, and for one that misses a signal."""
+    """One recorded run. Raises InputError for a run without samples or with a missing signal."""
     columns = {"time": 0, "reference": 3, "sensed": 3, "seen": 3, "currents": 1}
     zero, samples = record.about.get("zero_depth_mm"), np.size(record.arrays.get("time", ((),))[0])
     check(
@@ -193,7 +192,7 @@ def _values(run: DrawnRun) -> tuple[str, ...]:
 
 
 def _look_of_values(number: int) -> dict[str, Any]:
-    """Colour, and where the colours are used up also the kind of line, of the runs of one combination of values."""
+    """Colour of the runs with one combination of values, and also a line style when all colours are used."""
     return {
         "color": COLOURS[number % len(COLOURS)],
         "linestyle": _LINES[number // len(COLOURS) % len(_LINES)],
@@ -216,7 +215,7 @@ def _add_values(figure: Figure, runs: Sequence[DrawnRun]) -> None:
 
 
 def run_message(runs: Sequence[DrawnRun]) -> str:
-    """What runs show, from their readings: how far and how fast a step was followed, or how well a place was held."""
+    """Result of the runs from their readings: overshoot and settling of a step, or the largest error at rest."""
     ended = sum(bool(run["event"]) for run in runs)
     steps = [_step_of(run) for run in runs]
     if len(runs) > 1:
@@ -240,7 +239,7 @@ def run_message(runs: Sequence[DrawnRun]) -> str:
 
 
 def _step_of(run: DrawnRun) -> tuple[int, int, float] | None:
-    """Axis, sample and size, mm, of the one step of a reference; None where there is none, or several."""
+    """Axis, sample and size, mm, of the only step of a reference; None if there is none or more than one."""
     steps = run["wanted"][-1] - run["wanted"][0]
     axis = int(np.argmax(np.abs(steps)))
     moves = np.flatnonzero(np.abs(np.diff(run["wanted"][:, axis])) > 1e-9)
@@ -252,7 +251,7 @@ def _step_in_words(axis: int, start: int, step: float) -> str:
 
 
 def _off(run: DrawnRun, axis: int, start: int, step: float) -> Array:
-    """Readings after a step less what is wanted, over the step."""
+    """Readings after a step less the reference, over the step."""
     return np.asarray((run["true"][start:, axis] - run["wanted"][-1, axis]) / step)
 
 
@@ -269,12 +268,12 @@ def _arrival(run: DrawnRun, axis: int, start: int, step: float) -> str:
 
 
 def _largest_error(run: DrawnRun) -> float:
-    """Of the true readings, in any direction, mm."""
+    """Largest distance of the true readings from the reference, mm."""
     return float(np.linalg.norm(run["true"] - run["wanted"], axis=1).max())
 
 
 def _length(millimetres: float) -> str:
-    """To two digits, in a unit that fits.
+    """A length to two digits, in a unit that fits.
 
     >>> _length(0.0123), _length(1.0)
     ('12 µm', '1 mm')
@@ -309,7 +308,7 @@ def _draw_readings(axis: Axes, runs: Sequence[DrawnRun], k: int, factor: float) 
             values = factor * log.signals[MEASURED_AXES[k]].measured
             axis.plot(log.time, values, color=_MEASURED, linewidth=0.8, label="measured")
         if run["event"] and k == 2:
-            # Above the panel, where no line is.
+            # Above the panel, away from the lines.
             at = (run["time"][-1], 1.02)
             axis.annotate(run["event"], at, xycoords=("data", "axes fraction"), fontsize=8, ha="right")
     # Values that vary may be those of the start or of the reference.
@@ -323,7 +322,7 @@ def _draw_currents(axis: Axes, runs: Sequence[DrawnRun]) -> None:
     varied keys have their colours, and kinds of lines for the coils."""
     varied = list(dict.fromkeys(_values(run) for run in runs))
     if len(varied) > 1:
-        # The roughest first: what is drawn over it is seen.
+        # The roughest run is drawn first, so that it does not hide others.
         for run in sorted(runs, key=_roughness, reverse=True):
             look = {"color": _look_of_values(varied.index(_values(run)))["color"], "linewidth": 0.8}
             for number, coils in enumerate(_alike(run["currents"])):
@@ -351,7 +350,7 @@ def _roughness(run: DrawnRun) -> float:
 
 
 def _alike(currents: Array) -> list[list[int]]:
-    """Coils that have one current; of curves that lie on each other only one would be seen."""
+    """Groups of coils with equal currents, whose curves would hide each other."""
     near = _SAME * np.abs(currents).max(initial=0.0)
     return grouped(
         range(currents.shape[1]),

@@ -33,7 +33,7 @@ WINDOW = (1500, 1200)
 FORMATS = (".png", ".html", ".vtm")
 MOVIES = (".gif", ".mp4")
 Axes: TypeAlias = tuple[tuple[str, str, str], Sequence[float]]
-"""Titles of three axes, and how many times as long as it is each is drawn."""
+"""Titles of three axes, and the factor by which each axis is stretched."""
 
 
 def _device(scene: pv.Plotter, shown: Shown, _: str) -> None:
@@ -96,11 +96,11 @@ def make_scene(
     Parameters
     ----------
     shown
-        Everything that scenes may draw.
+        Contents of the scene.
     what
         One of SCENES.
     quantity
-        One of the quantities of the scene, the first unless given.
+        One of the quantities of the scene; by default the first.
     off_screen
         Whether to draw without a window.
     window
@@ -138,7 +138,7 @@ def make_scene(
 
 
 def drawn_ranges(scene: pv.Plotter) -> dict[str, list[float]]:
-    """Smallest and largest value of each quantity that is shown by colour, by its title with unit."""
+    """Smallest and largest value of each quantity shown as colour, by its title with unit."""
     ranges: dict[str, list[float]] = {}
     for actor in scene.actors.values():
         if not isinstance(actor, pv.Actor) or not actor.mapper.scalar_visibility:
@@ -159,7 +159,7 @@ def check_scene(what: str, quantity: str = "") -> str:
 
 
 def axes_of(what: str, quantity: str, shown: Shown) -> Axes:
-    """Of a scene; those of "reachable" depend on what is shown."""
+    """Axes of a scene; for "reachable" they depend on the set."""
     if what == "reachable" and shown.reachable is not None:
         return forces.reachable_axes(shown.reachable)
     return (forces.shift_titles(quantity or "x") if what == "shift" else MILLIMETRES), AS_THEY_ARE
@@ -201,7 +201,7 @@ def save_scene(
         datasets = [actor.mapper.dataset for actor in scene.actors.values() if isinstance(actor, pv.Actor)]
         raise_all(output_problems(str(target), target, ["ParaView scene"]))
         target.parent.mkdir(parents=True, exist_ok=True)
-        # Not under another name first: the pieces lie in a folder of the file's name.
+        # Not written under a temporary name, because the folder of the pieces has the name of the file.
         pv.MultiBlock(datasets).save(target)
     return target
 
@@ -211,7 +211,7 @@ def check_format(path: Path, formats: tuple[str, ...] = FORMATS) -> None:
     check_choice("save", path.suffix, formats)
 
 
-# The viewer empties the page's body, so the words are put after the body by the style sheet.
+# The viewer clears the body of the page, so the style sheet adds the words after the body.
 _HEAD = """<title>{title}</title><style>body::after {{ content: "{words}"; white-space: pre; position: fixed;
 left: 1em; top: .6em; z-index: 99; color: #22282e; font: 15px system-ui, sans-serif; pointer-events: none; }}"""
 _HOW = "drag: turn; wheel: zoom; shift and drag: move"
@@ -222,8 +222,8 @@ def save_web_page(
 ) -> Path:
     """Write the scene to an HTML file of some MB, with a line of text and titles of its axes.
 
-    The viewer cannot show the labels of the rulers, so the viewer's own axes are added. Their numbers are those drawn:
-    of a stretched axis, multiples. Raises FieldmapError if trame-vtk is not installed.
+    The viewer cannot show the labels of the rulers, so the viewer's own axes are added. Numbers on a stretched axis are
+    multiplied by its factor. Raises FieldmapError if trame-vtk is not installed.
     """
     require("trame_vtk", "web", "fieldmap.plot.save_web_page", "save a .png")
     from trame_vtk.modules.vtk import serializers
@@ -247,7 +247,7 @@ def save_web_page(
 
 
 def _description(scene: pv.Plotter, tools: Any) -> dict[str, Any]:
-    """The data that the viewer reads: the scene as JSON, and the arrays by the hashes that it names."""
+    """Data for the viewer: the scene as JSON, and the arrays by the hashes in it."""
     tools.initialize_serializers()
     context = tools.SynchronizationContext()
     context.set_ignore_last_dependencies(True)
