@@ -159,7 +159,7 @@ class UnusualValueWarning(UserWarning):
 
 
 class NoEquilibrium(FieldmapError):  # noqa: N818 - reads as the outcome it is
-    """No point with balanced forces was found; `problems` says where it was looked for."""
+    """No point with balanced forces was found; `problems` describes the search."""
 
 
 class Infeasible(FieldmapError):  # noqa: N818 - a name fixed by the public interface

@@ -64,7 +64,7 @@ def device_scene(
     Parameters
     ----------
     device
-        What is drawn; lengths in the scene are millimetres.
+        The device; lengths in the scene are millimetres.
     field
         Any field with a box.
     currents
@@ -76,7 +76,7 @@ def device_scene(
     axes
         Whether there are rulers, in mm.
     plotter
-        What is drawn into; a new off-screen one unless given.
+        Plotter to draw into; by default a new one, off-screen.
     window_size
         Of a new plotter, pixels.
     iron_opacity, coil_opacity
