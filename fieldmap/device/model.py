@@ -91,7 +91,7 @@ class Device(Made):
 
     title: one line about the device; "" stands for the name. materials: by the names that bodies use; a material with
     another name is renamed. background: a field that nothing in the device drives. joints: thin gaps between bodies
-    that touch. sensors: what reads the flux density. provenance: source of each number, by its key path in the file.
+    that touch. sensors: of the flux density. provenance: source of each number, by its key path in the file.
     Map files record `text` and `included`: `text` is the file as read, or the text of `to_toml`; `included` maps each
     file that it names to its text (material files) or to "sha256:..." of its bytes (STEP and mesh files).
 
@@ -236,7 +236,7 @@ class Device(Made):
 
     @property
     def nominal_currents(self) -> dict[str, float]:
-        """Current of each coil in its original model, A, by the coil's name; only of coils that have one."""
+        """Current of each coil in its original model, A, by the coil's name; only for coils that have one."""
         known = {coil.name: getattr(coil, "nominal_current", None) for coil in self.coils}
         return {name: current for name, current in known.items() if current is not None}
 
@@ -417,7 +417,7 @@ def _are_alike(one: Material, other: object) -> bool:
 
 def _checked(device: Device) -> Writing:
     """The data of a device. Raises InputError with one Problem for everything that is wrong with it."""
-    # Sections, known values and provenance of a device that was read are about its text. Parts may have been replaced.
+    # Sections, references and provenance of a device that was read refer to its text, not to parts replaced since.
     read = bool(device.text)
     written = written_device(device, whole=not read)
     findings = list(written.findings)
