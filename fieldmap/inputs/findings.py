@@ -1,4 +1,4 @@
-"""One thing found wrong in the data of a file, before it is tied to a file and a line."""
+"""Errors found in the data of a file, before they get a file and a line."""
 
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
@@ -10,7 +10,7 @@ from fieldmap.records import Record
 
 @dataclass(frozen=True, repr=False)
 class Finding(Record):
-    """`location` is where in the data; the rest as in fieldmap.errors.Problem."""
+    """An error at a location of the data; the other fields are those of `fieldmap.errors.Problem`."""
 
     location: Location
     must_hold: str
@@ -18,7 +18,7 @@ class Finding(Record):
     remedy: str
 
     def below(self, *steps: str | int) -> "Finding":
-        """The same in data that stand at these steps of a file."""
+        """The finding for data that lie below these steps of a file."""
         return replace(self, location=(*steps, *self.location))
 
 
@@ -38,13 +38,13 @@ def one_of(words: list[str]) -> str:
 
 
 def meant(word: Any, words: list[str], otherwise: str, quote: str = '"') -> str:
-    """The remedy for a word that is none of those that are known: the one most like it, or what to do otherwise."""
+    """The remedy for an unknown word: the most similar known word, or the remedy `otherwise`."""
     guess = closest(word, words)
     return f"did you mean {quote}{guess}{quote}?" if guess else otherwise
 
 
 def closest(word: Any, words: list[str]) -> str | None:
-    """The known word most like what was written, or None."""
+    """The known word most similar to a word, or None."""
     near = get_close_matches(str(word), words, n=1, cutoff=0.6)
     if near:
         return near[0]

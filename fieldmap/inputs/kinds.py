@@ -1,7 +1,7 @@
-"""Kinds of files that people write: how they are found, read and told apart.
+"""Kinds of files that people write: how they are found, read and distinguished.
 
-What tells them apart is a table here, so that a reader knows the files of packages above it without importing them. The
-schema of a kind stands in the package that reads it.
+The marks of all kinds are listed here, so that a reader recognises files of packages above it without importing them.
+The schema of a kind is in the package that reads it.
 """
 
 import os
@@ -25,10 +25,10 @@ Contents = TypeVar("Contents", bound=BaseModel)
 
 @dataclass(frozen=True, repr=False)
 class Marks(Record):
-    """What tells a kind of file from others.
+    """Marks that distinguish a kind of file.
 
-    keys: top-level keys. key, value: what only this kind has; it goes before keys. taken_by: what reads such a file,
-    for people who gave it to something else.
+    keys: top-level keys. key, value: a key and value that only this kind has; they take precedence over `keys`.
+    taken_by: the command or function that reads such a file, for the error of another reader.
     """
 
     keys: frozenset[str]
@@ -63,18 +63,18 @@ MARKS: Mapping[str, Marks] = MappingProxyType(
         ),
     }
 )
-"""Of every kind, by its name."""
+"""Marks of every kind, by its name."""
 
 
 @dataclass(frozen=True, repr=False)
 class FileKind(Record, Generic[Contents]):
     """One kind of TOML file.
 
-    name: as people call it, such as "device", with a row in `MARKS`. schema: what the file may hold. error: raised for
-    a file that is wrong. folder, subfolder: where the shipped files of this kind lie. refers_to: kinds of file that a
-    file of this kind names, each with a remedy for people who gave that file instead; {file} stands for its name.
-    json_schema: file of the shipped JSON Schema. expand: writes out the short forms of a file; raises `error`.
-    short_forms: top-level keys that are gone then.
+    name: such as "device", a name in `MARKS`. schema: allowed contents. error: raised for a wrong file. folder,
+    subfolder: of the shipped files of this kind. refers_to: kinds of file that a file of this kind names, each with a
+    remedy for a reader that was given such a file instead; {file} stands for its name. json_schema: file of the shipped
+    JSON Schema. expand: writes out the short forms of a file; raises `error`. short_forms: top-level keys that `expand`
+    removes.
     """
 
     name: str
@@ -88,7 +88,7 @@ class FileKind(Record, Generic[Contents]):
     short_forms: frozenset[str] = frozenset()
 
     def find(self, path_or_name: PathLike) -> Path:
-        """The file at a path, or the shipped one of that name; raises `error` if there is neither, or a directory."""
+        """The file at a path, or the shipped file of that name. Raises `error` for a directory or a missing file."""
         if not isinstance(path_or_name, str | os.PathLike):
             must_hold, remedy = f"must be the path or name of a {self.name} file", "write it in quotes"
             raise self.error.of(self.name, must_hold, type(path_or_name).__name__, remedy)
@@ -122,7 +122,7 @@ class FileKind(Record, Generic[Contents]):
         return self.schema.model_validate(document.data)
 
     def refuse_other_kinds(self, document: Document) -> None:
-        """Raise `error` if the document is clearly of another kind; one of no kind passes."""
+        """Raise `error` if the document is clearly of another kind. A document of unknown kind passes."""
         data = document.data
         known = self.schema.model_fields.keys() | self.short_forms
         if MARKS[self.name].keys & data.keys() and data.keys() <= known:
@@ -140,7 +140,7 @@ class FileKind(Record, Generic[Contents]):
 
 
 def kind_of(data: Mapping[str, Any]) -> str | None:
-    """The kind of a file's data: the one with the most of its keys; None if there is none, or several.
+    """The kind of a file's data, by the largest number of its marks; None if no kind or several kinds fit.
 
     >>> kind_of({"format": 1, "coil": []}), kind_of({"format": 1})
     ('device', None)
