@@ -36,7 +36,7 @@ _CPointer: Any = ctypes._CFuncPtr  # type: ignore[attr-defined]
 _real = ctypes.POINTER(ctypes.c_double)
 ControlFunction = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, _real, _real, _real, _real)
 """The C signature for ctypes: `ControlFunction(("control", library))`, or set restype and argtypes."""
-# Signature of the callback of a Python function: it takes addresses, of which arrays are made once.
+# Signature of the callback of a Python function: it takes addresses, from which arrays are made once.
 _Entry = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, *[ctypes.c_void_p] * 4)
 
 

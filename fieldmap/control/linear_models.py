@@ -49,7 +49,7 @@ class TransferFunction(NamedTuple):
         return np.roots(self.denominator)
 
     def to_control(self, Ts: float | None = None) -> python_control.TransferFunction:
-        """The same in python-control.
+        """The model as a system of python-control.
 
         Parameters
         ----------
@@ -64,7 +64,7 @@ class TransferFunction(NamedTuple):
         Raises
         ------
         FieldmapError
-            Where python-control is not installed.
+            If python-control is not installed.
         """
         library = require("control", "control", "TransferFunction.to_control")
         system: python_control.TransferFunction = library.tf(self.numerator, self.denominator, _period(Ts))
@@ -93,7 +93,7 @@ class StateSpace(NamedTuple):
         inputs: Sequence[str] | None = None,
         outputs: Sequence[str] | None = None,
     ) -> python_control.StateSpace:
-        """The same in python-control.
+        """The model as a system of python-control.
 
         Parameters
         ----------
@@ -110,7 +110,7 @@ class StateSpace(NamedTuple):
         Raises
         ------
         FieldmapError
-            Where python-control is not installed.
+            If python-control is not installed.
         """
         library = require("control", "control", "StateSpace.to_control")
         named = {"states": states, "inputs": inputs, "outputs": outputs}

@@ -338,7 +338,7 @@ def hashes_of_files(bodies: tuple[Body, ...], folder: Path) -> dict[str, str]:
     }
 
 
-# ---- the file of a device, and what is wrong with a device ----
+# ---- the file of a device, and checks of a device ----
 
 _DEVICE: Any = table_of(Device, "", "DeviceKeys")
 

@@ -268,7 +268,7 @@ class Joint(Made):
 
 
 def joint_of(joints: Sequence[Joint], first: str, second: str) -> Joint | None:
-    """The joint between two bodies that touch: the last that names them, else the last of all contacts.
+    """The joint between two bodies that touch: the last that names them, else the last joint for all contacts.
 
     Parameters
     ----------

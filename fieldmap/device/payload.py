@@ -92,7 +92,7 @@ class MagnetCylinder(_Uniform):
 
     @property
     def bounding_radius(self) -> float:
-        """Of the ball about its centre that holds it, m."""
+        """Radius of the smallest sphere about its centre that contains it, m."""
         return math.hypot(self.diameter, self.height) / 2
 
 
@@ -140,7 +140,7 @@ class MagnetBlock(_Uniform):
 
     @property
     def bounding_radius(self) -> float:
-        """Of the ball about its centre that holds it, m."""
+        """Radius of the smallest sphere about its centre that contains it, m."""
         return math.hypot(*self.size) / 2
 
 

@@ -25,7 +25,7 @@ def _cross(one: Array, other: Array) -> Array:
 
 
 def signed_area(points: PlanePoints | Array) -> float:
-    """Positive if the corners run counter-clockwise (shoelace formula)."""
+    """Signed area, positive if the corners run counter-clockwise (shoelace formula)."""
     return float(_cross(*_edges(points)).sum() / 2)
 
 

@@ -110,7 +110,7 @@ class Table(BaseModel):
     declared: ClassVar[Mapping[str, Any]] = {}
     """The fields, `fieldmap.inputs.declared.Declared`, by their keys."""
     beside: ClassVar[Mapping[str, Any]] = {}
-    """Attribute -> table of the record that it holds, the keys of which are keys of this table, too."""
+    """Attribute -> table of its record. The keys of that table are keys of this one, too."""
     choice: ClassVar[tuple[str, str] | None] = None
     """The key that chooses the table among others, and its value."""
     takes: ClassVar[Callable[[Any], bool] | None] = None

@@ -78,7 +78,7 @@ class Writing(Record):
         return data
 
     def _value(self, value: Any, one: Declared, place: Location) -> Any:
-        """A value in the unit of the file; a record becomes a table, a sequence or mapping of records one of tables."""
+        """Value in the unit of the file. A record becomes a table; a sequence or mapping of records, one of tables."""
         tables = list(tables_of(one.about.rule))
         if value is None:
             return None

@@ -50,7 +50,7 @@ class EquilibriumBranch(Record):
     at_stops : points at the stops that were reached before the first fold.
     levels_at_stops : current level at these.
     folds : points at which the branch turns back, with unknowns (x, y) or (x, y, level).
-    ended : "last stop"; "edge" of the map or of the parameter's range; or "steps", when the most steps were done.
+    ended : "last stop"; "edge" of the map or of the parameter's range; or "steps", after the largest number of steps.
     assumptions : of the model of the magnet.
     """
 

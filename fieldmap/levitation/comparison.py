@@ -104,9 +104,9 @@ def lift_by_height(
 class ForceFit(Record):
     """A factor on the force that is fitted to measured lift currents.
 
-    factor: least squares of lift / weight - 1 at the measured currents; it leaves the iron's reaction to the magnets
-    unchanged. currents: lift current in each coil with this factor, A, one for each height; deviations: currents over
-    the measured ones, minus 1. None at heights where the current is beyond the field's domain.
+    factor: minimises the sum of squares of lift / weight - 1 at the measured currents; it leaves the iron's reaction
+    to the magnets unchanged. currents: lift current in each coil with this factor, A, one for each height; deviations:
+    currents over the measured ones, minus 1. None at heights where the current is beyond the field's domain.
     """
 
     factor: float

@@ -44,8 +44,8 @@ class FollowedBranch(Record):
     unknowns : (n, k).
     at_stops : unknowns at the stops that were reached before the first fold or edge.
     folds : in the order in which they were passed.
-    ended : "last stop"; "edge", when the unknowns or the parameter left their range; or "steps", when the most steps
-        were done.
+    ended : "last stop"; "edge", when the unknowns or the parameter left their range; or "steps", after the
+        largest number of steps.
     """
 
     parameters: Array
@@ -88,7 +88,7 @@ def follow_branch(
     step
         Largest step, in units of `scale`.
     most_steps
-        Most steps.
+        Largest number of steps.
 
     Returns
     -------

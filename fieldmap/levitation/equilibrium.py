@@ -135,8 +135,8 @@ def find_equilibrium(
     start
         The payload's centre (3,), m, from which to begin. Without it the search covers all places at which the
         payload's magnets, and the centres of its soft iron, lie in the box. Of several equilibria, the one with
-        the most stable directions is returned, then the one nearest to the box's vertical axis; the rest are in
-        `.others`.
+        the most stable directions is returned or, if several have as many, the one of these that is nearest to the
+        box's vertical axis; the rest are in `.others`.
     moment
         "fixed" keeps the payload's direction; "aligned" lets the moment follow B, as a point dipole. Unless given,
         "aligned" for a payload with turning = "free", "fixed" for any other.

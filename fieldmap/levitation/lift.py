@@ -261,7 +261,7 @@ def _by_secant(
             )
             received = f"{payload.description}, {first:g} A, no lift"
             raise Infeasible.of(_at(point), must_hold, received, remedy)
-        # Soft iron is pulled with the square of the current.
+        # The pull on soft iron grows with the square of the current.
         current = _next_current(tried, 0.5 if payload.soft else 1.0)
     if field.affine and isinstance(balance, BodyBalance):
         about = wrench_actuation(field, point, balance.body, balance.currents, balance.orientation)

@@ -56,7 +56,7 @@ class _Effort(NamedTuple):
     directions : number of directions, without the six along the axes.
     seeds : number of currents that are evaluated first.
     starts : number of searches for each direction.
-    steps : most steps of a search.
+    steps : largest number of steps of a search.
     sweeps : most repetitions for directions with better starts than before.
     """
 

@@ -254,7 +254,8 @@ class MachineFit(Record):
     """Result of a fit. values: by key path, in the units of the keys; covariance (k, k) and correlation (k, k) in their
     order; indistinct: groups of unknowns with a combination whose standard deviation exceeds its size.
 
-    tables: all tables of readings, also predicted ones. device: the machine with these values. solves: their number.
+    tables: all tables of readings, also predicted ones. device: the machine with these values. solves: number of
+    solves.
     """
 
     values: Mapping[str, float]

@@ -104,9 +104,9 @@ def generate_many(
 ) -> ManyMaps | None:
     """Make the map of a recipe for every variant of a study, and an index of the maps.
 
-    Maps of linear iron share solutions. Each process solves only once an iron that several variants have, a box that
-    they have, and coils that differ only in turns. A variant that fails is recorded with its reason, and does not
-    stop the others; another run tries it again.
+    Maps of linear iron share solutions. If several variants have the same iron, the same box, or coils that differ only
+    in turns, each process solves it once for all of them. A variant that fails is recorded with its reason, and does
+    not stop the others; another run tries it again.
 
     Parameters
     ----------

@@ -289,8 +289,8 @@ def _require_optuna() -> ModuleType:
 
 def _by_optuna(search: Designs, z: Array) -> str:
     """Let Optuna's sampler of tree-structured Parzen estimators choose designs, the first at scaled values z, up to the
-    largest number of designs, and return how it ended. It serves for several optima, of which derivatives find the
-    nearest. With the seed of the problem, a resumed run asks for the same designs."""
+    largest number of designs, and return how it ended. It serves problems with several optima; derivatives find only
+    the nearest. With the seed of the problem, a resumed run asks for the same designs."""
     optuna = _require_optuna()
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     names = [f"z{k}" for k in range(len(z))]

@@ -272,7 +272,7 @@ class Designs:
         self._expected = self.solves + self.kept + designs
 
     def _name(self, derived: bool, refinement: float, design: Array) -> str:
-        # Twelve digits, since scaling values forth and back changes them by rounding.
+        # Twelve digits, since scaling values back and forth changes them by rounding.
         return json.dumps([derived, refinement, [f"{value:.12g}" for value in design]])
 
     def _note(self, found: Evaluation, role: Role, kept: bool) -> None:

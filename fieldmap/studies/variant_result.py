@@ -397,7 +397,8 @@ def controllable_share(
 
 
 def _holds(matrix: Array, constant: Array, weight: float, limit: float) -> bool:
-    """Whether currents within the limit balance the weight; matrix (3, n_coils), N/A, and constant (3,), N: forces."""
+    """Whether currents within the limit balance the weight. matrix (3, n_coils): force, N/A; constant (3,): other
+    force, N."""
     coils = matrix.shape[1]
     low, high, weights = np.full(coils, -limit), np.full(coils, limit), np.ones(coils)
     wanted, rows = np.array([0.0, 0.0, weight]) - constant, np.ascontiguousarray(matrix)

@@ -44,12 +44,12 @@ Height = Annotated[float, Key(Length, "length of the winding along its axis", "m
 
 
 def require_room_for_the_winding(corner_radius: float, info: ValidationInfo) -> None:
-    """Refuse a winding that is thicker than its corners let it be.
+    """Refuse a winding thicker than twice its corner radius.
 
     Parameters
     ----------
     corner_radius
-        Of the path, m.
+        Of the path, mm.
     info
         The other keys, as pydantic gives them.
 
