@@ -86,9 +86,10 @@ def step_metrics(
     check(changes, "step_metrics(final)", "must differ from initial", repr(final), "give the step")
     since, share = moments - moments[0], (values - initial) / step
     peak = int(np.argmax(share))
+    high = _first_above(since, share, 0.9)
     tail = share[since >= (1.0 - min(steady_share, 1.0)) * since[-1]]
     return StepMetrics(
-        rise_time=_first_above(since, share, 0.9) - _first_above(since, share, 0.1),
+        rise_time=high - _first_above(since, share, 0.1) if np.isfinite(high) else np.inf,
         peak_time=float(since[peak]),
         settling_time=_settled(since, np.abs(share - 1.0), band),
         overshoot=max(0.0, float(share[peak] - 1.0)),

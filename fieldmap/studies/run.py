@@ -225,10 +225,7 @@ def checked_output(target: Path) -> Path:
     return target
 
 
-_CONVENTIONS = (
-    "SI units. Right-handed frame, z up, origin on the centre of the pole disk's lower face. gradient: "
-    "dB_component/dx_direction."
-)
+_CONVENTIONS = "SI units. Right-handed frame of the device file, z up. gradient: dB_component/dx_direction."
 _OF_THE_PAYLOAD = (
     "the payload is a vertical point dipole at the magnet's centre and does not magnetise the iron",
     "the currents are constant",

@@ -54,6 +54,13 @@ def test_step_and_its_metrics_are_those_of_python_control(gains):
     assert ours.settling_time == pytest.approx(info["SettlingTime"], abs=2 * TS)
 
 
+@pytest.mark.parametrize("reached", [0.05, 0.5])
+def test_a_record_that_ends_too_early_has_an_infinite_rise_time(reached):
+    """A ramp that ends below 10 % or between 10 and 90 % of the step."""
+    time = np.linspace(0.0, 1.0, 11)
+    assert control.step_metrics(time, reached * time).rise_time == np.inf
+
+
 def test_noise_at_rest_obeys_lyapunov():
     """Variance of y for white sensor noise: P = A P A' + B B' of the transfer function from noise to y; 200 runs."""
     gains = SETTINGS[1]
