@@ -46,7 +46,7 @@ def test_identified_poles_are_those_of_the_linear_machine(six, records):
 
 
 def test_integral_times_scale_as_the_gains_at_rest(six, records):
-    """Slow loops: what counts is Kc/Ti times the gain at rest, 15.6 mm per unit for (6-8)."""
+    """Slow loops: what counts is Kc/Ti times the static gain, 15.6 mm per unit for (6-8)."""
     inputs, numbers = records(horizontal_records, "S17_records")
     changes = {"start.depth_mm": 10.0, "control.y.output": 0.0}
     places = [
