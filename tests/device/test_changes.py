@@ -1,4 +1,4 @@
-"""Keys of a device file set to other values: what follows from them, what is recorded, what is refused."""
+"""Keys of a device file set to other values: their effects, the recorded text, and refused changes."""
 
 import numpy as np
 import pytest
@@ -52,7 +52,7 @@ def test_arrays_whole_numbers_and_texts():
 
 @pytest.mark.parametrize("name", ["drive_unit", "loop_and_sphere"])
 def test_the_text_of_a_changed_device_is_that_device(name):
-    """What a map records, and by what a stopped run is known, has the changes in it."""
+    """The text in a map, which also identifies a stopped run, contains the changes."""
     key = {"drive_unit": "parameters.gap", "loop_and_sphere": "coil.loop.turns"}[name]
     before, after = read_device(name), read_device(name, {key: 150.0})
     assert before.text != after.text
