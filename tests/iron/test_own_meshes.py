@@ -1,4 +1,4 @@
-"""Bodies that are meshes of the user's own: fields, files of gmsh and VTK, regions, what is refused."""
+"""Bodies that are meshes of the user's own: fields, files of gmsh and VTK, regions, refused meshes."""
 
 import random
 import sys

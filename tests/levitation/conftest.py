@@ -50,7 +50,7 @@ class AxisymmetricField:
         return np.moveaxis(values, -1, 0)
 
     def _polynomials(self, order):
-        """Coefficients (coils, x, y, z, 3, ..., 3), the last index that of the derivative taken last."""
+        """Coefficients (coils, x, y, z, 3, ..., 3), the last index is the derivative taken last."""
         if order == 0:
             return self.potentials
         if order not in self.derived:

@@ -210,7 +210,7 @@ def test_above_a_coil_no_polarity_lifts_soft_iron(current, remedy):
 
 @pytest.mark.parametrize("soft", [(), BEAD.pieces])
 def test_beside_magnets_the_currents_that_are_missing_are_known_without_soft_iron_alone(field, soft):
-    """The lift of the magnets goes with the current, that of soft iron with its square."""
+    """The lift of the magnets goes with the current, the lift of soft iron with its square."""
     with pytest.raises(NoEquilibrium) as caught:
         find_equilibrium(field, 0.01, fm.Payload(0.5, pieces=[SPHERE, *soft]))
     assert ("times" in caught.value.problems[0].remedy) is not bool(soft)

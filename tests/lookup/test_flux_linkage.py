@@ -288,7 +288,7 @@ def linear_of(m, constant):
 
 @pytest.mark.parametrize("iron", ["saturating", "linear", "constant"])
 def test_compiled_linkages_are_those_of_the_map(m, iron):
-    """Of coils alone, and with a body of a magnet and soft iron; NaN where the field is not known."""
+    """For coils alone, and with a body of a magnet and soft iron; NaN where the field is not known."""
     of = m if iron == "saturating" else linear_of(m, iron == "constant")
     relative = 1e-4 if iron == "saturating" else 1e-12
     linkages, inductance = np.empty(6), np.empty((6, 6))
