@@ -1,4 +1,4 @@
-"""Linear iron is reported as saturated from the current on at which the field in a sphere passes its saturation."""
+"""Linear iron is reported beyond its law as soon as the field in a sphere passes the saturation of its material."""
 
 from types import SimpleNamespace
 

@@ -157,7 +157,7 @@ def test_progress_runs_from_nothing_to_all(coarse):
 
 
 def test_progress_on_a_terminal_without_the_extra_of_the_program_is_in_lines(coarse, monkeypatch, capsys):
-    """The extra `make` alone brings no rich."""
+    """The extra `make` does not install rich."""
     monkeypatch.setitem(sys.modules, "rich.progress", None)
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     generate(coarse / "recipe.toml", coarse / "map.h5")

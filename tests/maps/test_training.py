@@ -312,7 +312,7 @@ def test_the_progress_counts_the_states_of_each_stage(trained):
     texts = [RATE.sub("", text) for text, _ in trained.told]
     shares = [share for _, share in trained.told]
     assert 0.0 == shares[0] < shares[-1] < 1.0
-    # A rate stands behind all states but the first of a kind.
+    # A rate follows every state except the first of a kind.
     assert sum(RATE.search(text) is not None for text, _ in trained.told) > len(texts) / 4
     stages = {}
     for text in texts:
