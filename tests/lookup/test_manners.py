@@ -361,7 +361,7 @@ def test_opening_a_map_loads_nothing_that_a_lookup_does_not_need(another_process
 
 def text_of(card):
     """The words of an HTML card."""
-    return re.sub(r"<[^>]*>|\\s+", " ", card).split()
+    return re.sub(r"<[^>]*>", " ", card).split()
 
 
 def test_what_it_is_in_numbers(dipoles):
