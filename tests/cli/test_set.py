@@ -1,4 +1,4 @@
-"""`--set KEY=VALUE` of the commands that take a device: one mechanism, and what it changes."""
+"""`--set KEY=VALUE` of the commands that take a device: one mechanism, and its effects."""
 
 import pytest
 
@@ -32,7 +32,7 @@ def test_fields_follow_the_turns(answer, line):
 
 
 def test_a_map_records_the_changed_device(command, answer, tmp_path):
-    """A map of coils alone, made of a recipe: the current that gives a field follows the turns."""
+    """A map of coils alone, made by a recipe: the current for a given field follows the number of turns."""
     recipe = tmp_path / "loop_map.toml"
     (tmp_path / "loop.toml").write_text(LOOP)
     recipe.write_text('format = 1\ntitle = "A loop"\ndevice = "loop.toml"\nspacing_mm = 2.0\n')
