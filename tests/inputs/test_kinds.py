@@ -1,4 +1,4 @@
-"""A file that is clearly of another kind is told so."""
+"""A file that is clearly of another kind is refused with a message that says so."""
 
 import subprocess
 import sys
@@ -28,14 +28,14 @@ def test_every_kind_has_marks_that_its_files_may_have():
 
 
 def declared_keys(table=Table):
-    """(key, unit) of every table that was made of a declaration."""
+    """(key, unit) of every table made from a declaration."""
     for one in table.__subclasses__():
         yield from ((key, each.about.unit) for key, each in one.declared.items())
         yield from declared_keys(one)
 
 
 def test_every_declared_unit_has_its_si_value():
-    # One without would be taken for an SI unit.
+    # A unit without factor would be taken for an SI unit.
     assert {key for key, unit in declared_keys() if unit and unit not in UNITS} == set()
 
 
@@ -49,7 +49,7 @@ def test_every_shipped_file_is_of_its_kind(kind, name):
 @pytest.mark.parametrize("wanted", KINDS)
 @pytest.mark.parametrize("given", KINDS)
 def test_files_of_another_kind_are_refused(wanted, given, tmp_path):
-    if wanted == given or (wanted, given) == ("planar device", "device"):  # which may lack its mark only
+    if wanted == given or (wanted, given) == ("planar device", "device"):  # which may only lack its mark
         return
     kind = KINDS[given]
     name = next(name for other, name in SHIPPED if other is kind)
@@ -67,7 +67,7 @@ def test_data_of_no_kind_or_of_several_is_of_none(data):
 
 
 def test_a_reader_knows_kinds_of_packages_that_are_not_loaded(tmp_path):
-    """In a process of its own, which has loaded the reader of devices alone."""
+    """In a subprocess that has loaded only the reader of devices."""
     program = """
 import sys
 from fieldmap.device import read_device

@@ -116,7 +116,7 @@ def test_one_colour_has_a_bar_of_one_step(ax, flux, levels):
 
 
 def test_what_a_slice_of_forces_says(ax):
-    """White arrows at 9 by 13 places, the longest in the title; a red line where lift is the weight, also on the bar."""
+    """White arrows at 9 by 13 places, the longest in the title; red where lift is the weight, here and on the bar."""
     mass, moment, carried = 0.01, 0.3, 0.03
     current = mass * GRAVITY / (2.0 * carried * moment)
     force_slice(RISING, [current], payload=fm.Payload(mass=mass, moment=moment), at=0.01, normal="x", ax=ax)
