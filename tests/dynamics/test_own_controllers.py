@@ -55,7 +55,7 @@ NOISE = {"deviations": (5e-6, 8e-6, 2e-5), "voltage_noise": 0.0}
 
 @pytest.fixture(scope="module")
 def plain(axial):
-    """One coil, of which 2 A carry a body at the origin, with noise, converters and windings."""
+    """One coil, with noise, converters and windings; 2 A in it carry a body at the origin."""
     amplifier = Amplifier(GAIN, -10.0, 10.0, deviation=1e-3)
     drive = CoilDrive(amplifier, 1, [2.0], [4e-3], (-20.0, 20.0), converter=Converter(10.0, 16))
     return one_coil(axial, drive, Sensors(**NOISE), ("lift_V",))

@@ -215,7 +215,7 @@ UP = np.where(TIMES < 0.25, 0.0, 2.0)
             },
             "A step of 200 µm in depth: overshoot 0 %, not there at the end",
         ),
-        # Neither two moves nor a step there and back is a step.
+        # Two moves are no step, and neither is a step there and back.
         (
             {"wanted": readings(x=UP + (TIMES > 0.75)), "true": readings(x=UP, depth=0.7)},
             "At most 1.2 mm from what was asked",
