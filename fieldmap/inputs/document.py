@@ -3,7 +3,7 @@
 import re
 import sys
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,8 +31,9 @@ class Document(Record):
 
     Of a file whose short forms were written out (repetition, arithmetic, other files): raw, the document as read;
     origins, by locations of the data, where it stands: a document as read and the location there; computed, the text
-    of each computed number. changes: values by key path in the place of those of the file. alone: a text out of another
-    file, such as a map; of the files that it names only shipped ones are read.
+    of each computed number. changes: values by key path in the place of those of the file, which are in `stated`, by
+    the same key paths. alone: a text out of another file, such as a map; of the files that it names only shipped ones
+    are read.
     """
 
     path: Path
@@ -42,6 +43,7 @@ class Document(Record):
     origins: Mapping[Location, tuple["Document", Location]] = field(default_factory=dict)
     computed: Mapping[Location, str] = field(default_factory=dict)
     changes: Mapping[str, Any] = field(default_factory=dict)
+    stated: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     alone: bool = False
 
     def problems(self, findings: list[Finding]) -> list[Problem]:

@@ -32,21 +32,21 @@ class Tuning(Record):
 
     axes: the controllers by axis, with the margins that each has while the other axes are held. keys: the keys of the
     scenario that the tuning decides. changes: these and the given ones, as `simulate` takes them. point: the whole
-    machine under all controllers, linear about the start, with its margins.
+    machine under all controllers, linear about the start, with its margins. assumptions: of the machine, and the given
+    changes.
     """
 
     axes: Mapping[str, TunedPID]
     keys: Mapping[str, Any]
     changes: Mapping[str, Any]
     point: LinearPoint
+    assumptions: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Plain]:
         """The tuning as plain Python."""
         axes = {axis: tuned.margins for axis, tuned in self.axes.items()}
         loop = {"stable": self.point.loop.stable, "margins": self.point.margins}
-        return plain_items(
-            keys=self.keys, margins_alone=axes, loop=loop, assumptions=self.point.linear.assumptions
-        )
+        return plain_items(keys=self.keys, margins_alone=axes, loop=loop, assumptions=self.assumptions)
 
 
 def tune_axes(
@@ -121,7 +121,7 @@ def tune_axes(
             keys |= _changed(f"control.{axis}", table, before)
     changes = given | keys
     (point,) = linear_points(prepare(read_scenario(scenario, changes), field_map, device))
-    return Tuning(found, keys, changes, point)
+    return Tuning(found, keys, changes, point, (*point.linear.assumptions, *read.changed()))
 
 
 def pid_table(axis: str, pid: PID) -> dict[str, Any]:
