@@ -51,7 +51,8 @@ def _in_words(head: bytes) -> str:
         if re.search(pattern, head):
             return words
     text = head.decode("utf-16" if head.startswith(_UTF_16) else "utf-8", "replace")
-    return f"a text that begins with {text.lstrip(chr(0xFEFF)).splitlines()[0].strip()[:40]!r}"
+    lines = text.lstrip(chr(0xFEFF)).splitlines()
+    return f"a text that begins with {lines[0].strip()[:40]!r}" if lines else "a file without a text"
 
 
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)

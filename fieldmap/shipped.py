@@ -42,6 +42,19 @@ def shipped_file(kind: str, name: str) -> Path | None:
     return None
 
 
+def shipped_alone(
+    kind: str, name: str | os.PathLike[str], subfolder: str = "", ending: str = ".toml"
+) -> Path | None:
+    """The shipped file of a name alone, which has neither a folder nor an ending; None for every other name.
+
+    >>> shipped_alone("geometry", "drive_unit").name, shipped_alone("geometry", "./drive_unit")
+    ('drive_unit.toml', None)
+    """
+    text = os.fspath(name)
+    alone = Path(text).name == text
+    return shipped_file(kind, str(Path(subfolder) / f"{text}{ending}")) if alone else None
+
+
 def shipped_names(kind: str, subfolder: str = "") -> list[str]:
     """Names of the shipped TOML files of one kind, without ".toml", in alphabetical order."""
     prefix = f"{subfolder}/" if subfolder else ""

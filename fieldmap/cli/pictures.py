@@ -149,7 +149,7 @@ def _refuse_for_runs(what: str, given: list[str]) -> None:
 def _draw(shown: Shown, what: str, quantity: str, save: Path | None) -> dict[str, list[float]]:
     """Show or save a scene. Returns the ranges of quantities shown as colour, by title."""
     from fieldmap.plot.rendering import require_window
-    from fieldmap.plot.scenes import axes_of, drawn_ranges, make_scene, save_scene
+    from fieldmap.plot.scenes import axes_of, drawn_ranges, make_scene, save_scene, scene_words
 
     scene = make_scene(shown, what, quantity, off_screen=save is not None)
     ranges = drawn_ranges(scene)
@@ -157,7 +157,7 @@ def _draw(shown: Shown, what: str, quantity: str, save: Path | None) -> dict[str
         require_window(scene)
         scene.show()
     else:
-        save_scene(scene, save, shown.title, axes_of(what, quantity, shown))
+        save_scene(scene, save, scene_words(what, quantity, shown), axes_of(what, quantity, shown))
         scene.close()
     return ranges
 

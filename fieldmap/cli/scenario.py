@@ -193,7 +193,7 @@ def _run_page(
     for batch in simulation.batches:
         yield _steps(batch)
     yield None if laid is None else _differences(laid)
-    yield page.assumed(simulation.first.assumptions)
+    yield page.assumed(simulation.assumptions)
     yield page.written(files)
 
 
@@ -291,7 +291,7 @@ def _linear_page(scenario: str, target: Path | None, found: Linearisation) -> It
     for columns, rows_at in tables.items():
         rows = [(f"{point.depth_mm:g}", *row) for point in found.points for row in rows_at(point)]
         yield page.table(("depth mm", *columns), rows)
-    yield page.assumed(found.points[0].linear.assumptions)
+    yield page.assumed(found.assumptions)
     yield page.written([target]) if target else None
 
 
@@ -408,7 +408,7 @@ def _tuned_page(scenario: str, found: Tuning) -> Iterator[page.Section]:
     yield page.table((f"all axes, {state}", *columns[4:]), list(_margins(found.point)))
     settings = (shlex.quote(f"{key}={_toml(value)}") for key, value in found.keys.items())
     yield page.command(" ".join(f"--set {setting}" for setting in settings))
-    yield page.assumed(found.point.linear.assumptions)
+    yield page.assumed(found.assumptions)
 
 
 def _toml(value: object) -> str:

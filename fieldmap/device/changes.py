@@ -25,6 +25,9 @@ def changed(document: Document, settings: Settings) -> Document:
     ignored; `key_finding` reports it.
     """
     settings = list(settings)
+    stated = {
+        key: [value_at(document.data, place) for place in matches(document.data, key)] for key, _ in settings
+    }
     parameters = _parameters(document, settings)
     if parameters and document.raw is not None:
         document = expand(document.raw, parameters)
@@ -41,7 +44,9 @@ def changed(document: Document, settings: Settings) -> Document:
             table[location[-1]] = int(value) if whole else value
             computed.pop(location, None)
             places[location] = (given, location)
-    return replace(document, data=data, origins=places, computed=computed, changes=dict(settings))
+    return replace(
+        document, data=data, origins=places, computed=computed, changes=dict(settings), stated=stated
+    )
 
 
 def with_changes(document: Document, changes: Mapping[str, Any]) -> Document:

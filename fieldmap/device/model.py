@@ -82,6 +82,8 @@ from fieldmap.records import FrozenDict, card
 
 _EMPTY: Mapping[str, str] = FrozenDict({})
 BACKGROUND, DRIVER, JOINT, SECTION, SENSOR = map(table_of, (Background, Driver, Joint, Section, FieldSensor))
+CHANGED = "# Changed as it was read: "
+"""What the text of a device begins with, of whose file keys were set to other values; which ones follows."""
 _SEQUENCES = ("coils", "bodies", "references", "sections", "joints", "sensors")
 
 
@@ -279,6 +281,18 @@ class Device(Made):
     def texts(self) -> tuple[str, ...]:
         """The texts that define the device: its file, then name and text (or hash) of each file that it names."""
         return (self.text, *(part for pair in sorted(self.included.items()) for part in pair))
+
+    @property
+    def changed(self) -> str:
+        """The keys of its file that were set to other values as it was read, and what the file states; empty without
+        any.
+
+        >>> import fieldmap as fm
+        >>> fm.read_device("desk_levitator", {"payload.mass_g": 13.0}).changed
+        'desk_levitator.toml with payload.mass_g = 13.0 (12.0 in the file)'
+        """
+        first, _, _ = self.text.partition("\n")
+        return first.removeprefix(CHANGED).removesuffix(".") if first.startswith(CHANGED) else ""
 
     def replace(self, **changes: Any) -> Device:
         """The device with other values, checked anew; its text is the text of `to_toml`.

@@ -16,7 +16,7 @@ from fieldmap.device.cross_checks import cross_findings
 from fieldmap.device.data_sheet import data_sheet
 from fieldmap.device.materials import Curves, Material, SaturatingMaterial, material_of, named_file
 from fieldmap.device.materials.bh_table import BHTableFromFileKeys, require_room_to_saturate
-from fieldmap.device.model import Device, hashes_of_files
+from fieldmap.device.model import CHANGED, Device, hashes_of_files
 from fieldmap.device.schema import DEVICE, MATERIAL, DeviceFile
 from fieldmap.device.shapes import ShapeOfFile
 from fieldmap.device.toml_text import toml_text
@@ -25,7 +25,7 @@ from fieldmap.file_contents import read_text
 from fieldmap.inputs.declared import fields_of, record_of
 from fieldmap.inputs.document import Document, parsed, schema_findings
 from fieldmap.inputs.explain import REQUIRED
-from fieldmap.inputs.findings import Finding, one_of, shown
+from fieldmap.inputs.findings import Finding, changed_in_words, one_of, shown
 from fieldmap.inputs.key_paths import dotted
 from fieldmap.inputs.tables import Table
 from fieldmap.records import FrozenDict
@@ -283,8 +283,8 @@ def _build(
 def complete_text(document: Document) -> str:
     """The text of a device file; written out in full if the file includes others or keys were changed."""
     if document.changes:
-        words = ", ".join(f"{key} = {shown(value)}" for key, value in document.changes.items())
-        return f"# {document.path.name}, with {' '.join(words.split())}.\n" + toml_text(document.data)
+        words = changed_in_words(document.path.name, document.changes, document.stated)
+        return f"{CHANGED}{words}.\n" + toml_text(document.data)
     if document.raw is None or "include" not in document.raw.data:
         return document.text
     return f"# {document.path.name}, with the files that it includes.\n" + toml_text(document.data)

@@ -3,7 +3,7 @@
 import re
 import sys
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,8 +31,9 @@ class Document(Record):
 
     After short forms (repetition, arithmetic, other files) were written out: raw: the document as read; origins: for
     locations of the data, the document and location from which they come; computed: the expression of each computed
-    number. changes: values by key path in place of those of the file. alone: whether the text comes from another file,
-    such as a map; only shipped files that it names are then read.
+    number. changes: values by key path in place of those of the file; stated: the values of the file, by the same key
+    paths. alone: whether the text comes from another file, such as a map; only shipped files that it names are then
+    read.
     """
 
     path: Path
@@ -42,6 +43,7 @@ class Document(Record):
     origins: Mapping[Location, tuple["Document", Location]] = field(default_factory=dict)
     computed: Mapping[Location, str] = field(default_factory=dict)
     changes: Mapping[str, Any] = field(default_factory=dict)
+    stated: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     alone: bool = False
 
     def problems(self, findings: list[Finding]) -> list[Problem]:

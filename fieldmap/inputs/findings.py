@@ -1,11 +1,15 @@
 """Errors found in the data of a file, before they get a file and a line."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Any
 
 from fieldmap.inputs.key_paths import Location
 from fieldmap.records import Record
+
+# Values of several places that one key names.
+_MOST_STATED = 4
 
 
 @dataclass(frozen=True, repr=False)
@@ -30,6 +34,21 @@ def shown(value: Any) -> str:
         return "true" if value else "false"
     text = f'"{value}"' if isinstance(value, str) else repr(value)
     return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def changed_in_words(file: str, changes: Mapping[str, Any], stated: Mapping[str, Sequence[Any]]) -> str:
+    """The keys of a file that a caller has set, each with the values that the file states; empty without any.
+
+    >>> changed_in_words("hold.toml", {"duration_s": 0.5, "sensor.delay_s": 0.01}, {"duration_s": [5.0]})
+    'hold.toml with duration_s = 0.5 (5.0 in the file), sensor.delay_s = 0.01 (not in the file)'
+    """
+    words = []
+    for key, value in changes.items():
+        known = list(dict.fromkeys(shown(one) for one in stated.get(key, ())))
+        several = [*known[:_MOST_STATED], *(["..."] if len(known) > _MOST_STATED else [])]
+        words.append(f"{key} = {shown(value)} ({', '.join(several) or 'not'} in the file)")
+    # On one line: it is one of a list of assumptions, and a comment of a recorded text.
+    return " ".join(f"{file} with {', '.join(words)}".split()) if words else ""
 
 
 def one_of(words: list[str]) -> str:

@@ -17,7 +17,7 @@ from fieldmap.errors import InputError
 from fieldmap.inputs.document import Document, parse, schema_findings
 from fieldmap.inputs.findings import meant, one_of
 from fieldmap.records import Record
-from fieldmap.shipped import is_file, shipped_file, shipped_names
+from fieldmap.shipped import is_file, shipped_alone, shipped_file, shipped_names
 from fieldmap.typing import PathLike
 
 Contents = TypeVar("Contents", bound=BaseModel)
@@ -88,11 +88,19 @@ class FileKind(Record, Generic[Contents]):
     short_forms: frozenset[str] = frozenset()
 
     def find(self, path_or_name: PathLike) -> Path:
-        """The file at a path, or the shipped file of that name. Raises `error` for a directory or a missing file."""
+        """The file at a path, or the shipped file of that name. Raises `error` for a directory or a missing file.
+
+        A name without a folder and an ending means the shipped file, whatever lies in the working folder. If a file of
+        this kind has the same name there, the name is refused.
+        """
         if not isinstance(path_or_name, str | os.PathLike):
             must_hold, remedy = f"must be the path or name of a {self.name} file", "write it in quotes"
             raise self.error.of(self.name, must_hold, type(path_or_name).__name__, remedy)
         path = Path(path_or_name)
+        alone = shipped_alone(self.folder, path_or_name, self.subfolder)
+        if alone is not None:
+            self._refuse_a_second(path, alone)
+            return alone
         if is_file(path):
             return path
         if os.path.isdir(path):
@@ -104,6 +112,18 @@ class FileKind(Record, Generic[Contents]):
         remedy = meant(path.stem, names, f"give a path, or one of {one_of(names)}")
         must_hold = f"must be a {self.name} file or the name of a shipped {self.name}"
         raise self.error.of(str(path), must_hold, "no such file", remedy)
+
+    def _refuse_a_second(self, path: Path, shipped: Path) -> None:
+        """Raise `error` where a readable file of this kind has the name of a shipped one."""
+        try:
+            here = kind_of(parse(path, self.error).data) if is_file(path) else None
+        except self.error:
+            return
+        if here == self.name:
+            must_hold = f"must name one {self.name}"
+            received = f"the name of the shipped {self.name} and of a file in the working folder"
+            remedy = f"write .{os.sep}{path} for the file, or {shipped} for the shipped one"
+            raise self.error.of(str(path), must_hold, received, remedy)
 
     def load(self, path: Path) -> Document:
         """The file, parsed; raises `error` if it cannot be read, or is clearly of another kind."""

@@ -14,7 +14,7 @@ from fieldmap.device.model import Device, Driver, Payload
 from fieldmap.errors import InputError, MapFileError
 from fieldmap.field import AnyField, Bounds, Currents, Field, as_field, coil_currents
 from fieldmap.records import Record
-from fieldmap.shipped import is_file
+from fieldmap.shipped import is_file, shipped_alone
 from fieldmap.store import map_path
 from fieldmap.store.field_mesh import is_hdf5
 from fieldmap.typing import Array, PathLike, Progress
@@ -313,9 +313,10 @@ def is_map_file(name: PathLike) -> bool:
     Raises
     ------
     InputError
-        For a directory.
+        For a directory that does not have the name of a shipped device or map.
     """
-    refuse_directory(name)
+    if shipped_alone("geometry", name) is None and shipped_alone("maps", name, ending=".h5") is None:
+        refuse_directory(name)
     path = map_path(name)
     return path.suffix.lower() in _MAP_SUFFIXES or (is_file(path) and is_hdf5(path))
 

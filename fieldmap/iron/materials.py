@@ -67,16 +67,17 @@ def body_properties(device: Device, mu_r: float | None) -> BodyProperties:
         remanence[k] = material.remanence
     joints = (joint.description for joint in device.joints)
     weakest = min([*value, *(joint.mu_r for joint in device.joints)], default=np.inf)
-    return BodyProperties(value, remanence, (*notes, *joints, *background_notes(device)), weakest)
+    return BodyProperties(value, remanence, (*notes, *joints, *device_notes(device)), weakest)
 
 
-def background_notes(device: Device) -> tuple[str, ...]:
-    """A sentence on the device's background; empty without one."""
+def device_notes(device: Device) -> tuple[str, ...]:
+    """Sentences on the device's background and on the keys that were changed in its file; empty without either."""
+    changed = (device.changed,) if device.changed else ()
     if device.background is None:
-        return ()
+        return changed
     flux = ", ".join(f"{1e3 * x:.4g}" for x in device.background.flux_density)
     gradient = "" if device.background.gradient is None else " with a uniform gradient"
-    return (f"background of ({flux}) mT{gradient}, which no current drives",)
+    return (f"background of ({flux}) mT{gradient}, which no current drives", *changed)
 
 
 def _constant_mu_r(material: Material, mu_r: float | None) -> tuple[float, str]:
@@ -121,4 +122,4 @@ def material_assumptions(device: Device) -> tuple[str, ...]:
         material = device.materials[name]
         limit = f"; {material.left_out}" if isinstance(material, SaturatingMaterial) else ""
         notes.append(f"{material.role} '{name}': {material.description}{limit}")
-    return (*notes, *(joint.description for joint in device.joints), *background_notes(device))
+    return (*notes, *(joint.description for joint in device.joints), *device_notes(device))

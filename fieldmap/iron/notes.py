@@ -105,7 +105,8 @@ def device_contents(device: Device) -> DeviceContents:
         winding = (coil.height, coil.resistance, coil.inductance)
         coils.append(CoilContents(*kind, place.position, place.rotation[:, 2], *winding))
     payload = () if device.payload is None else device.payload.assumptions
-    return DeviceContents(device, tuple(bodies), tuple(coils), _saturation_laws(device) + payload)
+    changed = (device.changed,) if device.changed else ()
+    return DeviceContents(device, tuple(bodies), tuple(coils), _saturation_laws(device) + payload + changed)
 
 
 def _saturation_laws(device: Device) -> tuple[str, ...]:

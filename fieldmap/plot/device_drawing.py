@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from vtkmodules.vtkRenderingCore import vtkBillboardTextActor3D
 
 from fieldmap.device.model import Device, Workspace
-from fieldmap.device.payload import Payload, SoftBody
+from fieldmap.device.payload import Magnet, Payload, SoftBody
 from fieldmap.field import (
     AnyField,
     Bounds,
@@ -39,6 +39,8 @@ VIEW: Final = (0.42, -1.0, 0.27)
 _TRANSLUCENT, _HIDDEN = 0.25, 0.1
 # The arrow of a field sensor, of the largest length of the machine.
 _SENSOR_LENGTH = 0.09
+# The arrow of a moment, at the least, of the shortest side of the workspace: that of a small bead is seen.
+_MOMENT_LENGTH = 0.4
 # Arrows of B along a slice, their length over their distance, and how far before it they lie, mm.
 _ARROWS, _ARROW_LENGTH, _BEFORE = 7, 0.62, 0.3
 
@@ -138,7 +140,11 @@ def device_scene(
     if names:
         _add_names(scene, device)
     if magnet_at is not None and device.payload is not None:
-        add_payload(scene, device.payload, MM * np.asarray(magnet_at, dtype=float))
+        space = (
+            0.0 if device.workspace is None else MM * float(np.subtract(*device.workspace.bounds[::-1]).min())
+        )
+        place = MM * np.asarray(magnet_at, dtype=float)
+        add_payload(scene, device.payload, place, shortest=_MOMENT_LENGTH * space)
     if axes:
         add_rulers(scene)
     scene.enable_anti_aliasing("ssaa")
@@ -231,15 +237,33 @@ def arrows_at(places: Array, vectors: Array, longest: float) -> pv.PolyData:
     return cloud.glyph(orient="direction", scale="size", factor=factor, geom=slender)
 
 
-def add_payload(scene: pv.Plotter, payload: Payload, at: Array) -> None:
-    """The payload's magnet with its centre at (3,), mm, and an arrow along its moment; or its pieces, upright."""
+def add_payload(scene: pv.Plotter, payload: Payload, at: Array, shortest: float = 0.0) -> None:
+    """The payload's magnet, or its pieces, upright about (3,), mm, and an arrow along the moment of each magnet, on the
+    face towards which it points: as long as the magnet's longest side, or `shortest`, mm."""
     for piece in payload.pieces:
         surface = solids.piece_surface(piece).translate(at, inplace=False)
-        _add_solid(scene, surface, IRON if isinstance(piece.shape, SoftBody) else MAGNET)
+        if isinstance(piece.shape, SoftBody):
+            _add_solid(scene, surface, IRON)
+            continue
+        _add_solid(scene, surface, MAGNET)
+        along = np.asarray(piece.placement.rotation, dtype=float)[:, 2]
+        _add_moment(scene, piece.shape, at + MM * np.asarray(piece.placement.position), along, shortest)
     shape = solids.magnet_surface(payload.magnet)
-    if shape is None:
-        return
-    half, along = 0.5 * (shape.bounds[5] - shape.bounds[4]), np.sign(payload.moment_vector)
-    _add_solid(scene, shape.translate(at, inplace=False), MAGNET)
-    arrow = pv.Arrow(start=at + half * along, direction=along, scale=2.0 * half, shaft_radius=0.06)
-    scene.add_mesh(arrow, color=MAGNET)
+    if shape is not None and payload.magnet is not None:
+        _add_solid(scene, shape.translate(at, inplace=False), MAGNET)
+        _add_moment(scene, payload.magnet, at, np.sign(payload.moment_vector), shortest)
+
+
+def _add_moment(scene: pv.Plotter, magnet: Magnet, at: Array, along: Array, shortest: float) -> None:
+    surface = solids.magnet_surface(magnet)
+    assert surface is not None
+    sides = np.ptp(solids.extent(surface), axis=1)
+    arrow = pv.Arrow(
+        start=at + 0.5 * sides[2] * along,
+        direction=along,
+        scale=max(float(sides.max()), shortest),
+        tip_length=0.35,
+        tip_radius=0.14,
+        shaft_radius=0.06,
+    )
+    scene.add_mesh(arrow, color=MAGNET, ambient=0.4)

@@ -84,6 +84,8 @@ def save_picture(
         of = as_field(field).coil_names
         words = amperes_in_words(coil_currents(1.0 if currents is None else currents, of), of)
         words += "" if forces else "; arrows: direction of B"
+        red = not forces and magnet_at is not None and device.payload is not None
+        words += ", red: moment of the magnet" if red else ""
         words += f"\n{caption}" if caption else ""
         add_words(scene, words, (0.03, 0.02))
     save_screenshot(scene, path)

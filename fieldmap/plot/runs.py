@@ -33,6 +33,8 @@ _NO_RUN = (
 )
 _FEW, _NAMED = 8, 4
 """Runs whose lines are drawn at full strength; runs whose overshoots a message tells."""
+# Of a path in a plane: the shorter side, at the least, of the longer one.
+_LEAST_SIDE = 0.25
 # Currents that differ by less than this share of the largest are one curve.
 _SAME = 1e-3
 _ABOVE: dict[str, Any] = {
@@ -148,7 +150,8 @@ def _recorded_run(file: Path, record: RunRecord, name: str) -> DrawnRun:
 
 
 def run_figure(title: str, runs: Sequence[DrawnRun | ScenarioRun]) -> Figure:
-    """References, true and seen positions of each axis, and the currents, over time.
+    """References, true and seen positions of each axis, and the currents, over time; of a body that moves mainly in x
+    and y also its path in the plane, on the right.
 
     Above stands what the data say (`run_message`), then the title. Readings below half a millimetre are in micrometres.
 
@@ -167,8 +170,13 @@ def run_figure(title: str, runs: Sequence[DrawnRun | ScenarioRun]) -> Figure:
         The figure.
     """
     drawn = [drawn_run(run) if isinstance(run, ScenarioRun) else run for run in runs]
-    with new_figure((8.0, 7.6)) as figure:
-        *places, lowest = figure.subplots(4, 1, sharex=True)
+    plane = _in_a_plane(drawn)
+    with new_figure((12.0 if plane else 8.0, 7.6)) as figure:
+        grid = figure.add_gridspec(4, 2 if plane else 1, width_ratios=(1.5, 1.0) if plane else None)
+        first = figure.add_subplot(grid[0, 0])
+        *places, lowest = first, *(figure.add_subplot(grid[row, 0], sharex=first) for row in range(1, 4))
+        for axis in places:
+            axis.tick_params(labelbottom=False)
         for k, axis in enumerate(places):
             factor, unit = _scale(drawn, k)
             _draw_readings(axis, drawn, k, factor)
@@ -181,6 +189,8 @@ def run_figure(title: str, runs: Sequence[DrawnRun | ScenarioRun]) -> Figure:
         lowest.set(xlabel="time, s", ylabel="currents, A")
         if lowest.get_legend_handles_labels()[1]:
             lowest.legend(**_ABOVE)
+        if plane:
+            _draw_path(figure.add_subplot(grid[:3, 1]), drawn)
         _add_values(figure, drawn)
         add_heading(places[0], run_message(drawn), title)
     return figure
@@ -289,17 +299,46 @@ def _scale(runs: Sequence[DrawnRun], axis: int) -> tuple[float, str]:
     return (1e3, "µm") if 0.0 < largest < _SMALL else (1.0, "mm")
 
 
+def _look_of_true(runs: Sequence[DrawnRun]) -> list[dict[str, Any]]:
+    """Of the lines of true positions, one for each run."""
+    varied = list(dict.fromkeys(_values(run) for run in runs))
+    thin = len(runs) > (_FEW if len(varied) > 1 else 1)
+    look: dict[str, Any] = {"linewidth": 0.8, "alpha": 0.6} if thin else {"linewidth": 1.2, "color": _TRUE}
+    numbers = [varied.index(_values(run)) for run in runs]
+    return [look | (_look_of_values(number) if len(varied) > 1 else {}) for number in numbers]
+
+
+def _asked(runs: Sequence[DrawnRun]) -> list[DrawnRun]:
+    """A run for each reference: values that vary may be those of the start or of the reference."""
+    return list({run["wanted"].tobytes(): run for run in runs}.values())
+
+
+def _in_a_plane(runs: Sequence[DrawnRun]) -> bool:
+    """Whether the references go to and fro in x and in y, and in the depth less; where none moves, the bodies."""
+    asked = np.max([np.ptp(run["wanted"], axis=0) for run in runs], axis=0)
+    moved = np.max([np.ptp(run["true"], axis=0) for run in runs], axis=0)
+    x, y, depth = asked if asked.max() > 1e-9 else moved * (moved > _SMALL)
+    return bool(min(x, y) > max(depth, _LEAST_SIDE * max(x, y)))
+
+
+def _draw_path(axis: Axes, runs: Sequence[DrawnRun]) -> None:
+    """x and y of the true positions and of the references, from a dot at the start, both in one unit and scale."""
+    factor, unit = min(_scale(runs, 0), _scale(runs, 1))
+    for run, look in zip(runs, _look_of_true(runs), strict=True):
+        x, y, _ = factor * run["true"].T
+        axis.plot(x, y, label="true", **look)
+        axis.plot(x[:1], y[:1], "o", color=look.get("color", INK), markersize=5, label="start")
+    for run in _asked(runs):
+        x, y, _ = factor * run["wanted"].T
+        axis.plot(x, y, label="reference", **_ASKED)
+    axis.set(xlabel=f"x, {unit}", ylabel=f"y, {unit}", aspect="equal")
+    axis.set_title("path from the dot", loc="left")
+
+
 def _draw_readings(axis: Axes, runs: Sequence[DrawnRun], k: int, factor: float) -> None:
     """One coordinate: of one run what the sensor says, the truth and a log; of several the truth of each."""
     many = len(runs) > 1
-    varied = list(dict.fromkeys(_values(run) for run in runs))
-    for run in runs:
-        thin = len(runs) > (_FEW if len(varied) > 1 else 1)
-        look: dict[str, Any] = (
-            {"linewidth": 0.8, "alpha": 0.6} if thin else {"linewidth": 1.2, "color": _TRUE}
-        )
-        if len(varied) > 1:
-            look |= _look_of_values(varied.index(_values(run)))
+    for run, look in zip(runs, _look_of_true(runs), strict=True):
         if not many:
             axis.plot(run["time"], factor * run["seen"][:, k], color="0.75", linewidth=0.6, label="sensor")
         axis.plot(run["time"], factor * run["true"][:, k], label="true", **look)
@@ -311,10 +350,8 @@ def _draw_readings(axis: Axes, runs: Sequence[DrawnRun], k: int, factor: float) 
             # Above the panel, away from the lines.
             at = (run["time"][-1], 1.02)
             axis.annotate(run["event"], at, xycoords=("data", "axes fraction"), fontsize=8, ha="right")
-    # Values that vary may be those of the start or of the reference.
-    for run in {run["wanted"].tobytes(): run for run in runs}.values():
-        wanted = factor * run["wanted"][:, k]
-        axis.plot(run["time"], wanted, label="reference", **_ASKED)
+    for run in _asked(runs):
+        axis.plot(run["time"], factor * run["wanted"][:, k], label="reference", **_ASKED)
 
 
 def _draw_currents(axis: Axes, runs: Sequence[DrawnRun]) -> None:

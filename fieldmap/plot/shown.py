@@ -110,6 +110,15 @@ class Shown(Record):
         """Lower and upper corner (3,), m."""
         return np.asarray(self.lower, dtype=float), np.asarray(self.upper, dtype=float)
 
+    @property
+    def payload_at(self) -> Array | None:
+        """Where a picture of the device shows the payload (3,), m: in the equilibrium if it is known, else in the
+        middle of the workspace; None without either."""
+        if self.equilibrium is not None:
+            return self.equilibrium
+        space = None if self.device is None else self.device.workspace
+        return None if space is None else np.mean(space.bounds, axis=0)
+
     def flux_density_at(self, points: Array) -> Array:
         """Flux density of the shown field.
 

@@ -137,11 +137,13 @@ def _accurate(device: Device, task: Task) -> VariantResult:
     for _ in range(MOST_REFINEMENTS):
         iron = SolvedIron(device, model)
         rows = tuple(_row(device, iron, entry, task.record) for entry in task.current_sets)
+        # The variables of the study say what differs.
+        assumed = tuple(text for text in iron.field.assumptions if text != device.changed)
         if model.accuracy is None or not model.saturating:
-            return VariantResult(rows, iron.field.assumptions)
+            return VariantResult(rows, assumed)
         found = [row.numbers["error_flux_density"] for row in rows if "error_flux_density" in row.numbers]
         if not found or max(found) <= model.accuracy:
-            return VariantResult(rows, iron.field.assumptions)
+            return VariantResult(rows, assumed)
         errors.append(max(found))
         model = replace(model, refinement=COARSER * model.refinement)
     must_hold = (

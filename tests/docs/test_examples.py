@@ -52,8 +52,8 @@ def shows(expected: str, printed: str) -> None:
 
 
 @pytest.fixture
-def figures(monkeypatch):
-    """Records of the figures saved meanwhile, by file name, in light and dark."""
+def figures(monkeypatch, tmp_path):
+    """Records of the figures saved meanwhile, by file name, in light and dark; dark files lie in `tmp_path`."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
@@ -67,8 +67,10 @@ def figures(monkeypatch):
         save(figure, path, **options)
         seen[Path(path).name] = figure_record(figure)
         with in_the_dark(figure):
-            save(figure, dark_path(path), **options)
-            seen[dark_path(path).name] = figure_record(figure)
+            # Not beside it: a figure that is written whole lies in a folder of its own meanwhile.
+            dark = tmp_path / dark_path(path).name
+            save(figure, dark, **options)
+            seen[dark.name] = figure_record(figure)
 
     monkeypatch.setattr(Figure, "savefig", saved)
     with rc_context():  # pages choose the style of their figures

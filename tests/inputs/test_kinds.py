@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -17,6 +18,52 @@ SHIPPED = [
     for name in shipped_names(kind.folder, kind.subfolder)
     if name.startswith("planar") == (kind.name == "planar device")
 ]
+
+
+ALONE = [(KINDS[kind], name) for kind, name in {kind.name: name for kind, name in SHIPPED}.items()]
+
+
+@pytest.mark.parametrize(("kind", "file"), ALONE, ids=lambda value: str(getattr(value, "name", value)))
+def test_a_name_alone_is_that_of_the_shipped_file(kind, file, tmp_path, monkeypatch):
+    """A folder, a file of another kind and one that cannot be read do not hide it; of two files none is taken."""
+    monkeypatch.chdir(tmp_path)
+    shipped = shipped_folder(kind.folder) / f"{file}.toml"
+    name, content = shipped.stem, shipped.read_text()
+    if shipped.parent != shipped_folder(kind.folder) / kind.subfolder:
+        pytest.skip("has no name alone")
+    here = tmp_path / name
+    here.mkdir()
+    assert kind.find(name) == shipped
+    here.rmdir()
+    for other in (
+        b"",
+        b"\xff\xfe",
+        b"= 3",
+        b"H_A_per_m = [1.0]\n" if kind.name != "material" else b"coil = []\n",
+    ):
+        here.write_bytes(other)
+        assert kind.find(name) == shipped
+    (tmp_path / f"{name}.toml").write_text(content)
+    assert kind.find(name) == shipped
+    assert kind.find(f"{name}.toml") == Path(f"{name}.toml")
+    here.write_text(content)
+    with pytest.raises(kind.error) as caught:
+        kind.find(name)
+    (problem,) = caught.value.problems
+    assert problem.where == name
+    assert f"./{name}" in problem.remedy
+    assert str(shipped) in problem.remedy
+    for path in (f"./{name}", str(here), here):
+        assert kind.find(path) == Path(path)
+
+
+def test_a_name_that_no_shipped_file_has_is_that_of_a_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").write_text("coil = []\n")
+    assert KINDS["device"].find("mine") == Path("mine")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(KINDS["device"].error, match="a directory"):
+        KINDS["device"].find("folder")
 
 
 def test_every_kind_has_marks_that_its_files_may_have():

@@ -37,6 +37,17 @@ def test_a_map_is_known_by_its_ending_or_by_its_first_bytes(tmp_path, six_coils)
         is_map_file(tmp_path)
 
 
+def test_a_folder_does_not_hide_a_shipped_device_or_map(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("drive_unit", "sample", "mine"):
+        (tmp_path / name).mkdir()
+    assert (is_map_file("drive_unit"), is_map_file("sample")) == (False, True)
+    assert existing_map("sample").name == "sample.h5"
+    for name in ("mine", "./sample", "./drive_unit"):
+        with refused(InputError, where=name, received="a directory"):
+            is_map_file(name)
+
+
 def test_an_existing_map_is_a_file_of_hdf5(tmp_path, six_coils):
     assert existing_map(str(six_coils)) == six_coils
     told = {

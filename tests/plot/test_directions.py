@@ -137,6 +137,26 @@ def test_moment_of_the_payload(scene, direction, sign):
     assert sign * (arrow.points[np.argmax(away), 2] + 30.0) > 11.0
 
 
+def test_moments_of_pieces(scene):
+    """Of each magnet, from its own place along its own axis; soft iron has none of its own."""
+    turned = fm.PayloadPiece(
+        fm.MagnetCylinder(0.002, 0.004, 1.2), fm.placed([0.003, -0.001, 0.002], [50.0, 30.0, 40.0])
+    )
+    along = np.asarray(turned.placement.rotation)[:, 2]
+    assert np.abs(along).min() > 0.1
+    soft = fm.PayloadPiece(fm.SoftSphere(0.002, mu_r=100.0), fm.placed([-0.004, 0.0, 0.0]))
+    upright = fm.PayloadPiece(fm.MagnetBlock((0.001, 0.006, 0.002), 1.2), fm.placed([0.0, 0.006, 0.0]))
+    add_payload(scene, fm.Payload(1e-3, pieces=[turned, soft, upright]), np.array([1.0, 2.0, -30.0]))
+    pointing = [mesh for mesh in meshes(scene) if mesh.n_points == pv.Arrow().n_points]
+    expected = [([4.0, 1.0, -28.0], along, 2.0, 6.0), ([1.0, 8.0, -30.0], [0.0, 0.0, 1.0], 1.0, 7.0)]
+    assert len(pointing) == len(expected)
+    for arrow, (centre, way, first, last) in zip(pointing, expected, strict=True):
+        ahead = (np.asarray(arrow.points, float) - centre) @ way
+        np.testing.assert_allclose([ahead.min(), ahead.max()], [first, last], atol=1e-4)
+        tip = arrow.points[np.argmax(ahead)]
+        np.testing.assert_allclose(tip, centre + last * np.asarray(way), atol=1e-4)
+
+
 def test_what_each_coil_makes(scene):
     """From the constant force to the force at the coil's upper limit."""
     start, makes = np.array([1.0, 2.0, 3.0]), np.array([[0.5, -1.0, 2.0]])

@@ -74,7 +74,7 @@ def test_both_panels_show_the_machine_and_the_right_one_its_field(panels):
     left, right, size = panels(device, Crooked(), [1.5, -0.5], [0.001, 0.0, -0.02], "a caption")
     assert size == (2000, 1240)
     assert left.words == [("A crooked machine", pytest.approx((0.03, 0.98)))]
-    words = "ring: 1.5 A, frame: -0.5 A; arrows: direction of B\na caption"
+    words = "ring: 1.5 A, frame: -0.5 A; arrows: direction of B, red: moment of the magnet\na caption"
     assert right.words == [(words, pytest.approx((0.03, 0.02)))]
     assert (left.planes, right.planes, len(left.white), len(right.white)) == (0, 2, 0, 1)
     for one in (left, right):

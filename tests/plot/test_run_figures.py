@@ -264,6 +264,57 @@ def test_the_unit_of_an_axis_changes_at_half_a_millimetre():
         assert label == f"x, {unit}"
 
 
+def test_a_path_in_x_and_y_has_a_panel_with_the_numbers_of_the_signals():
+    """Both in millimetres, since x is large, one scale, a dot at the start, and one line for each reference."""
+    wanted = readings(2.0 * np.cos(TIMES), 0.5 * np.sin(TIMES))
+    one = readings(2.1 * np.cos(TIMES), 0.4 * np.sin(TIMES), 0.1 * TIMES)
+    other = one * [1.0, -1.0, 1.0]
+    first = run_with(np.zeros((11, 4)), wanted=wanted, true=one, varied={"k": 1})
+    second = run_with(np.zeros((11, 4)), wanted=wanted, true=other, varied={"k": 2})
+    for runs, shades in (([first], COLOURS[:1]), ([first, second], COLOURS[:2])):
+        figure = run_figure("A path", runs)
+        path = figure.axes[4]
+        assert (path.get_xlabel(), path.get_ylabel(), path.get_aspect()) == ("x, mm", "y, mm", 1.0)
+        expected = []
+        for run, shade in zip(runs, shades, strict=True):
+            x, y, _ = run["true"].T
+            expected += [("true", x, y, shade.lower()), ("start", x[:1], y[:1], shade.lower())]
+        expected.append(("reference", *wanted.T[:2], INK))
+        found = shown_of(figure, 4)
+        assert [label for label, *_ in found] == [label for label, *_ in expected]
+        for (label, x, y, shade), (_, *values, colour) in zip(found, expected, strict=True):
+            np.testing.assert_array_equal((x, y), values)
+            assert shade == colour, label
+        assert [line.get_marker() for line in path.get_lines()][:2] == ["None", "o"]
+
+
+def test_a_small_path_is_in_micrometres():
+    circle = readings(0.1 * np.cos(9 * TIMES), 0.1 * np.sin(9 * TIMES))
+    path = run_figure("Small", [run_with(np.zeros((11, 4)), wanted=circle, true=circle)]).axes[4]
+    assert (path.get_xlabel(), path.get_ylabel()) == ("x, µm", "y, µm")
+    np.testing.assert_allclose(path.get_lines()[0].get_xydata(), 1e3 * circle[:, :2])
+
+
+@pytest.mark.parametrize(
+    ("wanted", "true", "there"),
+    [
+        # The reference decides: both sides longer than the depth, the shorter more than a quarter of the longer.
+        (readings(4 * TIMES, 1.01 * TIMES, TIMES), readings(), True),
+        (readings(1.01 * TIMES, 4 * TIMES, TIMES), readings(), True),
+        (readings(4 * TIMES, 0.99 * TIMES), readings(TIMES, TIMES), False),
+        (readings(4 * TIMES, 3 * TIMES, 3.01 * TIMES), readings(TIMES, TIMES), False),
+        (readings(0, 0, TIMES), readings(TIMES, TIMES), False),
+        # Where it stands still, bodies that move by more than half a millimetre.
+        (readings(1, 2, 3), readings(0.51 * TIMES, 0.51 * TIMES, 0.5 * TIMES), True),
+        (readings(1, 2, 3), readings(0.51 * TIMES, 0.49 * TIMES), False),
+    ],
+)
+def test_a_panel_of_the_path_is_for_motion_in_the_plane(wanted, true, there):
+    figure = run_figure("Where", [run_with(np.zeros((11, 4)), wanted=wanted, true=true)])
+    assert len(figure.axes) == (5 if there else 4)
+    assert (figure.get_figwidth() > 10.0) == there
+
+
 def write_steps(path, *overshoots, coils=("a", "b"), values=("",), **changes):
     """A file of runs whose depth, 77 mm below the origin, steps by 1 mm at 0.25 s with these overshoots."""
     step = np.where(TIMES > 0.25, 1e-3, 0.0)

@@ -24,7 +24,7 @@ from fieldmap.plot.animation import TIME
 from fieldmap.plot.device_drawing import COPPER, FLUX, IRON, MAGNET
 from fieldmap.plot.field_scenes import IRON_FLUX, field_lines, iron_elements, sampled
 from fieldmap.plot.forces import LEVEL, places_in_box, reachable_axes, shift_surface
-from fieldmap.plot.gather import shown_mesh
+from fieldmap.plot.gather import shown_device, shown_mesh
 from fieldmap.plot.places import box_grid
 from fieldmap.plot.scales import MILLIMETRES, colour_bar, colour_bar_by_decades
 from fieldmap.plot.scenes import SCENES, axes_of, drawn_ranges, make_scene, save_scene
@@ -137,7 +137,7 @@ def drawn(crooked):
 # The moment pi 0.002^2 0.01 1.2 / mu0 times the gradient of Bz.
 FORCE = 0.12 * np.array([0.3, -0.65, 2.25])
 TITLES = {
-    "device": ("", None),
+    "device": ("magnet cylinder of 4 x 10 mm in balance; red arrow: its moment", None),
     "mesh": ("", None),
     "iron": ("", "B in iron, T"),
     "lines": ("", "B, mT"),
@@ -196,6 +196,82 @@ def test_every_scene_has_its_words_and_fills_the_picture(drawn, what):
     near, far = scene.camera.clipping_range
     assert near < np.linalg.norm(towards) < far
     assert scene.window_size == [500, 400]
+
+
+LEANING = fieldmap.PayloadPiece(
+    fieldmap.MagnetCylinder(0.002, 0.001, 1.2), fieldmap.placed([0.001, 0, 0], [0, 90, 0])
+)
+SOFT = fieldmap.PayloadPiece(fieldmap.SoftSphere(0.003, mu_r=1000.0), fieldmap.placed([-0.001, 0, 0]))
+BOX = fieldmap.WorkspaceBox(Crooked.lower, Crooked.upper)
+
+
+@needs_opengl
+@pytest.mark.parametrize(
+    ("workspace", "carried", "legend", "middle", "solids"),
+    [
+        (
+            BOX,
+            {"magnet": fieldmap.MagnetCylinder(0.004, 0.01, 1.2)},
+            "magnet cylinder of 4 x 10 mm in the middle of the workspace; red arrow: its moment",
+            [0.5, -2.0, -20.0],
+            (2, 0),
+        ),
+        (
+            fieldmap.WorkspaceCylinder([0.001, 0.002, -0.03], 0.004, 0.02),
+            {"pieces": [SOFT]},
+            "soft sphere of 3 mm in the middle of the workspace",
+            [0.0, 2.0, -20.0],
+            (0, 1),
+        ),
+        (
+            BOX,
+            {"pieces": [LEANING, SOFT]},
+            "payload in the middle of the workspace; red arrow: its moment",
+            [1.5, -2.0, -20.0],
+            (2, 1),
+        ),
+        (
+            BOX,
+            {"pieces": [LEANING, LEANING]},
+            "payload in the middle of the workspace; red arrows: moments of its magnets",
+            [1.5, -2.0, -20.0],
+            (4, 0),
+        ),
+        (BOX, {"moment": 0.1}, "", None, (0, 0)),
+        (None, {"magnet": fieldmap.MagnetSphere(0.004, 1.2)}, "", None, (0, 0)),
+    ],
+)
+def test_a_device_holds_its_payload_in_the_middle_of_its_workspace(
+    workspace, carried, legend, middle, solids
+):
+    device = crooked_device(bodies=(), workspace=workspace, payload=fieldmap.Payload(0.01, **carried))
+    scene = make_scene(shown_device(device), window=(500, 400))
+    (words,) = words_of(scene)
+    red, grey = solids_of(scene, MAGNET), solids_of(scene, IRON)
+    scene.close()
+    assert words.words == f"A crooked machine\n{legend}".rstrip()
+    assert (len(red), len(grey)) == solids
+    if middle is not None:
+        np.testing.assert_allclose(bounds_of((red or grey)[0]).mean(axis=1), middle, atol=0.01)
+
+
+@needs_opengl
+def test_a_device_without_a_payload_shows_none():
+    scene = make_scene(shown_device(crooked_device(payload=None)), window=(500, 400))
+    assert (words_of(scene)[0].words, solids_of(scene, MAGNET)) == ("A crooked machine", [])
+    scene.close()
+
+
+@needs_opengl
+def test_the_moment_of_a_small_bead_is_seen():
+    """Its arrow is 0.4 of the shortest side of the workspace, 8 mm; that of a large magnet is as long as the magnet."""
+    for diameter, length in ((0.001, 3.2), (0.006, 6.0)):
+        payload = fieldmap.Payload(1e-5, magnet=fieldmap.MagnetSphere(diameter, 1.2), direction="down")
+        scene = make_scene(shown_device(crooked_device(payload=payload)), window=(500, 400))
+        ball, arrow = (bounds_of(one)[2] for one in solids_of(scene, MAGNET))
+        scene.close()
+        np.testing.assert_allclose(ball, [-20.0 - 500 * diameter, -20.0 + 500 * diameter], atol=0.01)
+        np.testing.assert_allclose(arrow, [ball[0] - length, ball[0]], atol=0.01)
 
 
 @needs_opengl
@@ -675,12 +751,12 @@ def test_a_page_holds_the_scene_its_words_and_the_titles_of_its_axes(drawn, tmp_
     packed, write = [], vtksz2html.write_html
     monkeypatch.setattr(vtksz2html, "write_html", lambda data, page: packed.append(data) or write(data, page))
     scene = drawn("shift")
-    title, titles = 'where "it" <rests>\\', ("one, %", "two, %", "50 three, mm")
+    title, titles = 'where "it"\n<rests>\\', ("one, %", "two, %", "50 three, mm")
     axes = ("one, %", "two, %", "three, mm"), (1, 1, 50)
     text = save_scene(scene, tmp_path / "new" / "shift.html", title, axes).read_text()
-    words = "where 'it'  rests>\\A drag: turn; wheel: zoom; shift and drag: move"
+    words = "where 'it'\\A  rests>\\A drag: turn; wheel: zoom; shift and drag: move"
     assert f'content: "{words}"' in text
-    assert re.findall("<title>(.*?)</title>", text) == [html.escape(title)]
+    assert re.findall("<title>(.*?)</title>", text, re.DOTALL) == [html.escape(title)]
     assert scene.camera.parallel_projection is False
     with zipfile.ZipFile(io.BytesIO(packed[0])) as archive:
         told = json.loads(archive.read("index.json"))

@@ -85,6 +85,11 @@ class Simulation(Record):
         return self.batches[0].experiment
 
     @property
+    def assumptions(self) -> tuple[str, ...]:
+        """Those of the experiments, and the keys of the scenario that were changed for all."""
+        return (*self.first.assumptions, *self.first.scenario.changed(but=self.batches[0].varied))
+
+    @property
     def all_ended_early(self) -> bool:
         """Whether an event ended every run."""
         return all(one.metrics.event for batch in self.batches for one in batch.runs)
@@ -95,7 +100,7 @@ class Simulation(Record):
             scenario=self.first.scenario.path.name,
             title=self.first.scenario.contents.title,
             batches=[batch.to_dict() for batch in self.batches],
-            assumptions=self.first.assumptions,
+            assumptions=self.assumptions,
         )
 
 

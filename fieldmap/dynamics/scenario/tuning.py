@@ -32,21 +32,20 @@ class Tuning(Record):
 
     axes: the controllers by axis, with their margins while the other axes are held. keys: the keys of the scenario
     that the tuning sets. changes: these and the given keys, for `simulate`. point: the whole machine with all
-    controllers, linearised about the start, with its margins.
+    controllers, linearised about the start, with its margins. assumptions: of the machine, and the given changes.
     """
 
     axes: Mapping[str, TunedPID]
     keys: Mapping[str, Any]
     changes: Mapping[str, Any]
     point: LinearPoint
+    assumptions: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Plain]:
         """The tuning as plain Python."""
         axes = {axis: tuned.margins for axis, tuned in self.axes.items()}
         loop = {"stable": self.point.loop.stable, "margins": self.point.margins}
-        return plain_items(
-            keys=self.keys, margins_alone=axes, loop=loop, assumptions=self.point.linear.assumptions
-        )
+        return plain_items(keys=self.keys, margins_alone=axes, loop=loop, assumptions=self.assumptions)
 
 
 def tune_axes(
@@ -121,7 +120,7 @@ def tune_axes(
             keys |= _changed(f"control.{axis}", table, before)
     changes = given | keys
     (point,) = linear_points(prepare(read_scenario(scenario, changes), field_map, device))
-    return Tuning(found, keys, changes, point)
+    return Tuning(found, keys, changes, point, (*point.linear.assumptions, *read.changed()))
 
 
 def pid_table(axis: str, pid: PID) -> dict[str, Any]:

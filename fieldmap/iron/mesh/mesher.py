@@ -303,7 +303,9 @@ def _generated(
     except Exception as error:  # the mesher's exception type is not exported
         must_hold = "must have a mesh at these sizes"
         received = f"the mesher stopped with {str(error).strip() or type(error).__name__!r}, refinement {refinement:g}"
-        remedy = "take smaller elements: a larger refinement, or mesh_size_mm of the bodies that touch"
+        # Those of neighbouring sizes often fail as well.
+        larger = f"a refinement of {1.2 * refinement:.2g} or more"
+        remedy = f"take smaller elements: {larger}, or a smaller mesh_size_mm of the bodies that touch"
         raise GeometryError.of(where, must_hold, received, remedy) from error
 
 

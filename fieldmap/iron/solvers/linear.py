@@ -15,7 +15,7 @@ from fieldmap.iron.elements.flux_form import FluxForm
 from fieldmap.iron.elements.potential_form import ConvexForm, Magnetised, PotentialForm, linkage_and_coenergy
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
-from fieldmap.iron.materials import BodyProperties, background_notes, body_properties
+from fieldmap.iron.materials import BodyProperties, body_properties, device_notes
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import AssembledIron, assemble
 from fieldmap.iron.operators.mutual import face_images
@@ -297,7 +297,7 @@ def require_source(device: Device, properties: BodyProperties) -> None:
 def coils_alone(device: Device, seconds: dict[str, float]) -> LinearSolution:
     """The solution of a device without iron."""
     alone = "no iron: the field of the coils alone"
-    none = (alone if device.background is None else f"{alone}, in a background", *background_notes(device))
+    none = (alone if device.background is None else f"{alone}, in a background", *device_notes(device))
     report = SolverReport("coils", 0, 0, 0, 0, 0, 0, 0.0, 0, seconds, none)
     about = (device.sections, device.bounds, device.background)
     return LinearSolution(device.coils, None, None, False, report, None, *about)
