@@ -16,7 +16,10 @@ from fieldmap.typing import Array
 
 # An ideal flux barrier is a body of this relative permeability: what it lets through is 1e-4 of what air would.
 BARRIER_MU_R = 1e-4
-_LINEAR_INSTEAD = "solve it with linear iron: leave --nonlinear out, or in Python call fieldmap.solve_linear"
+_LINEAR_INSTEAD = (
+    "solve it with linear iron: leave --nonlinear out, or in Python call fieldmap.solve_linear; "
+    'for a map write iron.model = "linear"'
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
