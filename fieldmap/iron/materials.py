@@ -16,7 +16,10 @@ from fieldmap.typing import Array
 
 # Relative permeability of an ideal flux barrier: it lets through 1e-4 of the flux of air.
 BARRIER_MU_R = 1e-4
-_LINEAR_INSTEAD = "solve it with linear iron: leave --nonlinear out, or in Python call fieldmap.solve_linear"
+_LINEAR_INSTEAD = (
+    "solve it with linear iron: leave --nonlinear out, or in Python call fieldmap.solve_linear; "
+    'for a map write iron.model = "linear"'
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -86,6 +86,23 @@ def test_changes_are_shares_of_a_states_largest_field(background, factor, monkey
     assert larger(wanted) == pytest.approx([max(b, g / 2.0) for b, g in wanted])
 
 
+@pytest.mark.parametrize(("background", "factor"), [(True, 1.0), (False, 1.0), (False, 1e-5)])
+def test_what_cancelling_fields_leave_is_a_share_of_their_sum(background, factor):
+    """Of each source by itself at its worst point, all added up without signs."""
+    unit = unit_flux_density_and_gradient(COILS[0], POINTS)
+    _, size, least = np.moveaxis(expected(background, factor), 2, 0)
+    wanted = np.empty((STATES, 2))
+    for j, (of, part) in enumerate(zip((FLUX, GRADIENT), unit, strict=True)):
+        apart = [largest_norm(part), SECOND * largest_norm(part), *map(largest_norm, of)]
+        for k, weights in enumerate(np.concatenate([factor * CURRENTS, factor * CHARGE], axis=1)):
+            whole = sum(abs(weight) * one for weight, one in zip(weights, apart, strict=True))
+            wanted[k, j] = max(size[j, k], least[j, k]) / max(whole, least[j, k])
+    fields = ModeFields(Trial(solver(background), POINTS, LARGEST), FLUX, GRADIENT)
+    found = fields.left_of_sums(factor * CURRENTS, factor * CHARGE)
+    np.testing.assert_allclose(found, wanted, rtol=1e-9)
+    assert (found == 1.0).any() == (factor < 1.0)
+
+
 def test_errors_at_solved_states_are_the_largest_of_each_kind():
     """The model's charges are the solver's less `CHANGE`; two of its three states were solved."""
     off, size, least = np.moveaxis(expected(), 2, 0)

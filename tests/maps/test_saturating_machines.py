@@ -6,7 +6,12 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.optimize import brentq
+
+import fieldmap as fm
+from fieldmap.iron import NonlinearSolver
 
 SCRIPTS = Path(__file__).parents[2] / "scripts"
 # Factor on the mesh sizes of the study.
@@ -60,3 +65,70 @@ def test_sixty_machines_can_be_read(validation):
     assert {machine.device_name for machine in machines} == {path.stem for path in folder.glob("*.toml")}
     for machine in machines:
         assert 1 <= len(machine.device().coils) <= 8
+
+
+OPPOSED = """
+format = 1
+name = "opposed"
+title = "Two unlike electromagnets and a small box half way between them"
+[material.steel]
+kind = "bh_table"
+H_A_per_m = [50, 300, 3000]
+B_T = [0.6, 1.3, 1.7]
+[material.foot]
+kind = "bh_table"
+H_A_per_m = [50, 100, 140, 180, 300, 1000, 10000, 100000]
+B_T = [0.01, 0.05, 0.4, 0.9, 1.2, 1.5, 1.8, 2.2]
+[defaults.body]
+shape = "cylinder"
+mesh_size_mm = 12
+[[body]]
+name = "upper"
+material = "steel"
+radius_mm = 6
+height_mm = 30
+position_mm = [0, 0, 30]
+[[body]]
+name = "lower"
+material = "foot"
+radius_mm = 8
+height_mm = 40
+position_mm = [0, 0, -60]
+[defaults.coil]
+kind = "circular"
+[[coil]]
+name = "upper"
+inner_radius_mm = 7
+outer_radius_mm = 12
+height_mm = 24
+turns = 400
+position_mm = [0, 0, 45]
+[[coil]]
+name = "lower"
+inner_radius_mm = 9
+outer_radius_mm = 14
+height_mm = 30
+turns = 300
+position_mm = [0, 0, -40]
+[workspace]
+shape = "box"
+lower_mm = [-0.5, -0.5, -0.5]
+upper_mm = [0.5, 0.5, 0.5]
+"""
+
+
+def test_a_map_states_its_error_where_fields_cancel(tmp_path):
+    """With the current of the lower coil that leaves no field in the middle of the box."""
+    device = fm.read_device(OPPOSED)
+    asked = {"lower_A": -6.0, "upper_A": 6.0, "accuracy": 1e-2}
+    path = fm.generate(device, tmp_path / "m.h5", spacing=2.5e-4, currents=asked, progress=False)
+    m, solver = fm.open_map(path), NonlinearSolver(device)
+    stated = [of["flux_density_share"] for of in m.info.provenance.solver_report["states_tried"].values()]
+    points, shares = m.info.grid.points(), []
+    for upper in (0.5, 1.0, 2.0, 4.0):
+        lower = brentq(lambda lower, upper=upper: m.field([0, 0, 0], [upper, lower])[2], -upper, 0.0)
+        true = solver.solve([upper, lower], 1e-5).field(points)
+        off = np.linalg.norm(m.field(points, [upper, lower]) - true, axis=1)
+        shares.append(off.max() / np.linalg.norm(true, axis=1).max())
+    assert max(shares) > 5e-3
+    assert max(shares) < 2.5 * max(stated)

@@ -239,11 +239,65 @@ def test_extremes_that_may_be_worse_are_those_of_larger_indicators(errors, looks
 
 @pytest.mark.parametrize(("modes", "raised"), [(11, 0), (12, 1), (13, 1)])
 def test_the_limit_of_modes_is_raised_where_all_are_taken(modes, raised):
-    calls, added = [], []
+    calls, added, finer = [], [], []
     known = SimpleNamespace(add=lambda *given: added.append(given))
-    made = SimpleNamespace(most_modes=12, more_modes=lambda: calls.append(1), known=known)
-    training._train_on(made, SimpleNamespace(sampled=SimpleNamespace(modes=modes)), [(1, 2), (3, 4)])
-    assert (len(calls), added) == (raised, [(1, 2), (3, 4)])
+    made = SimpleNamespace(
+        most_modes=12, more_modes=lambda: calls.append(1), known=known, finer_modes=finer.append
+    )
+    of = SimpleNamespace(sampled=SimpleNamespace(modes=modes))
+    training._train_on(made, of, [(1, 2), (3, 4)])
+    assert (len(calls), added, finer) == (raised, [(1, 2), (3, 4)], [[1, 3]])
+    training._train_on(made, of, [])
+    assert len(finer) == 1
+
+
+def test_the_search_finds_where_fields_cancel(tmp_path):
+    """First the flux density, then the gradient, each from weak currents to strong ones: of random currents one in
+    fifty leaves as little."""
+    bar = WholeBar(images=False)
+    with training_of(bar, tmp_path, [(-1.0, 1.5), (-1.0, 1.0)], states=8, accuracy=1e-2) as training:
+        training.go_on()
+        reduction = training.reduce(training.modes(), training.currents)
+        places = search._cancelling(training.domain, reduction, np.random.default_rng(3))
+        drawn = np.random.default_rng(4).random((150, 2))
+        left, rest = (
+            reduction.fields.left_of_sums(currents, reduction.amplitudes(currents))
+            for currents in map(training.domain.at, (places, drawn))
+        )
+        assert places.shape == (6, 2)
+        for j, some in enumerate((slice(3), slice(3, 6))):
+            few = np.quantile(rest[:, j], 0.02)
+            assert left[some, j].max() < few < 0.2 * rest[:, j].max()
+            strength = np.abs(places[some] - [0.4, 0.5]).max(axis=1)
+            assert (np.diff(strength) > 0.0).all()
+
+
+@pytest.mark.parametrize("most", [60, 3])
+def test_modes_are_finer_until_fields_are_within_the_accuracy(tmp_path, most):
+    """Or until there are the most."""
+    bar, row = WholeBar(images=False), np.array([0.9, -0.7])
+    with training_of(bar, tmp_path, [(-1.0, 1.5), (-1.0, 1.0)], states=12, accuracy=1e-2) as training:
+        training.go_on()
+        potential = bar.potential(row)
+        training.known.add(row, Solved(potential, np.zeros((30, 0)), bar.air(potential[:, None])))
+        state = training.known.some([training.known.number(row)])
+        training.most_modes = most
+
+        def off(within):
+            training._modes_within = within
+            return training.off_of_modes(training.modes(), state, 0)
+
+        halved = [off(0.4 * 0.5**k) for k in range(7)]
+        training._modes_within = 0.4
+        training.finer_modes([row])
+        found = training.modes()
+        assert halved[0] > 1e-2
+        if most == 3:
+            assert (found.model.modes, off(training._modes_within) > 1e-2) == (3, True)
+            return
+        first = next(k for k, error in enumerate(halved) if error <= 1e-2)
+        assert training._modes_within == pytest.approx(0.4 * 0.5**first)
+        assert off(training._modes_within) <= 1e-2
 
 
 def test_two_tries_are_added_up():

@@ -182,6 +182,7 @@ def climbed(
     shares: Array,
     random: np.random.Generator,
     tell: Callable[[float], None] = lambda share: None,
+    widths: Sequence[float] = _WIDTHS,
 ) -> tuple[Array, int]:
     """Search the domain for the currents at which a function is largest.
 
@@ -200,6 +201,8 @@ def climbed(
         Generator of the neighbours.
     tell
         Called with the share of the search that is done.
+    widths
+        Distances of the neighbours, as shares of the ranges, one for each round.
 
     Returns
     -------
@@ -212,8 +215,8 @@ def climbed(
     found, looked_at = looks(domain.at(shares)), len(shares)
     best = np.argsort(-found, kind="stable")[:STARTS]
     shares, largest = shares[best], found[best]
-    for round_number, width in enumerate(_WIDTHS):
-        tell((round_number + 1) / (len(_WIDTHS) + 1))
+    for round_number, width in enumerate(widths):
+        tell((round_number + 1) / (len(widths) + 1))
         near = np.repeat(shares, _NEIGHBOURS, axis=0)
         strength = (np.abs(near - rest) / farthest).max(axis=1, keepdims=True)
         near = np.clip(near + width * strength * random.standard_normal(near.shape), 0.0, 1.0)

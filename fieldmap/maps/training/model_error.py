@@ -115,6 +115,17 @@ class Trial:
             rows[:, j] /= np.maximum(largest, self._least[j])
         return rows
 
+    def left_of_sums(self, currents: Array, fields: tuple[Array, Array], weights: Array) -> Array:
+        """See `ModeFields.left_of_sums`; fields and weights as for `shares_of_sums`."""
+        both = np.concatenate([weights, currents], axis=1)
+        rows = np.empty((len(currents), 2))
+        for j, each in enumerate(fields):
+            parts = np.concatenate([each, self._bare[j]])
+            sums = np.abs(both) @ [_largest(part) for part in parts]
+            whole = _largest_of_sums(both, parts, self._constant[j])
+            rows[:, j] = np.maximum(whole, self._least[j]) / np.maximum(sums, self._least[j])
+        return rows
+
     def errors(self, weights: Array, charge: Array, tried: Snapshots) -> Errors:
         """Errors of a model with charges weights (s, k) @ charge (k, faces) at solved states, at least one."""
         currents, potentials = tried.currents, tried.potentials
@@ -167,6 +178,11 @@ class ModeFields(Record):
         """Relative change (s,) of the field at currents (s, c) when the amplitudes (s, r) change by changes (s, r); the
         larger of flux density and gradient, as in `larger`."""
         return larger(self.trial.shares_of_sums(currents, (self.flux, self.gradient), amplitudes, changes))
+
+    def left_of_sums(self, currents: Array, amplitudes: Array) -> Array:
+        """Flux density and gradient (s, 2) at currents (s, c) and amplitudes (s, r), as shares of the sums that the
+        fields of modes and coils would have if none cancelled another."""
+        return self.trial.left_of_sums(currents, (self.flux, self.gradient), amplitudes)
 
 
 def larger(shares: Array) -> Array:

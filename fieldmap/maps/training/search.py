@@ -9,8 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fieldmap.currents import CurrentDomain
 from fieldmap.maps.training.condensation import Condensed
 from fieldmap.maps.training.currents import (
+    STARTS,
+    at_rest,
     climbed,
     drawn_shares,
     edge_shares,
@@ -34,6 +37,12 @@ _RANDOM_SEED = 11
 # Search for the worst currents: number of extremes and of random currents that it begins with (as many on edges are
 # added), and number of the found currents that are solved.
 _SEARCHED_EXTREMES, _SEARCHED_RANDOM, _SEARCHED_SOLVED = 32, 32, 4
+# Search for currents at which fields cancel: number of random currents that it begins with, distances of the neighbours
+# in its rounds, and number of the found ones that are solved, of flux density and of gradient each.
+_DRAWN_CANCELLING, _WIDTHS_CANCELLING, _CANCELLING = 500, (0.15, 0.05, 0.015, 0.005, 0.002), 3
+_CANCELLING_SEED = 20266
+SEARCHED = STARTS + 2 * _CANCELLING
+"""Most currents that a search for the worst currents solves."""
 # Share of the time of a search that these solves take.
 _OF_SOLVES = 0.4
 _SEARCH_SEED = 20264
@@ -184,7 +193,8 @@ def search_worst(
 ) -> tuple[Snapshots, int]:
     """Search for the currents at which the model's residual is largest, and solve the states there.
 
-    The search begins at extremes and at random currents, inside the domain and on its edges: see `climbed`.
+    The search begins at extremes and at random currents, inside the domain and on its edges: see `climbed`. States
+    where fields cancel are solved as well.
 
     Parameters
     ----------
@@ -212,9 +222,13 @@ def search_worst(
     shares, looked_at = climbed(reduction.shortfall, domain, begin, random, tell)
     about = (training, reduction, shares, number, "of the largest residual")
     found = _solve_found(*about, _SEARCHED_SOLVED)
-    if reduction.off(found).max(initial=0.0) > allowed(training):
+    cancelling = _cancelling(domain, reduction, np.random.default_rng(_CANCELLING_SEED + number))
+    where = (training, reduction, cancelling, number + STARTS, "where fields cancel", len(cancelling))
+    weak = _solve_found(*where)
+    if max(reduction.off(some).max(initial=0.0) for some in (found, weak)) > allowed(training):
         # If one state has too large an error, many have. More are solved to train on.
         found = _solve_found(*about, len(shares))
+    found = found.with_earlier(weak)
     return found.with_earlier(before).without(training.known), looked_at
 
 
@@ -240,6 +254,33 @@ def _beginning(training: Training, extremes: Array, count: int, random: np.rando
     """Shares (m, d) of the ranges at which a search begins: extremes, `count` random ones, and as many on edges."""
     drawn = (draw(training.domain, count, random) for draw in (drawn_shares, edge_shares))
     return np.concatenate([extremes, *drawn])
+
+
+def _cancelling(domain: CurrentDomain, reduction: Reduction, random: np.random.Generator) -> Array:
+    """Shares (2 `_CANCELLING`, d) of the ranges at which the fields of coils, iron and magnets cancel in the workspace:
+    first their flux densities, then their gradients; each from the weakest currents to the strongest.
+
+    An error that is small beside each of these fields is large beside the little that they leave. Such currents are a
+    thin part of the domain, which random currents miss.
+    """
+
+    def left(currents: Array) -> Array:
+        return reduction.fields.left_of_sums(currents, reduction.amplitudes(currents))
+
+    drawn, rest = drawn_shares(domain, _DRAWN_CANCELLING, random), at_rest(domain)
+    of_drawn = left(domain.at(drawn))
+
+    def found(j: int) -> Array:
+        begin = drawn[np.argsort(of_drawn[:, j], kind="stable")[:STARTS]]
+        shares, _ = climbed(
+            lambda currents: -left(currents)[:, j], domain, begin, random, widths=_WIDTHS_CANCELLING
+        )
+        order = np.argsort(np.abs(shares - rest).max(axis=1), kind="stable")
+        # The residual ranks currents of about one strength only: the tangent of unsaturated iron belongs to weak ones.
+        looks = reduction.shortfall(domain.at(shares))
+        return shares[[some[looks[some].argmax()] for some in np.array_split(order, _CANCELLING)]]
+
+    return np.concatenate([found(0), found(1)])
 
 
 def _solve_found(

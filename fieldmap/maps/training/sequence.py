@@ -38,8 +38,9 @@ from fieldmap.typing import Array
 _MOST_EXTREMES = 45
 # Tolerance of the solver for states, as a multiple of the accuracy. The residual is a thousandth of it.
 _SOLVED_BETTER = 10.0
-# Allowed projection error of a state onto the modes, in the energy norm, as a multiple of the accuracy.
-_MODES = 0.2
+# Allowed projection error of a state onto the modes, in the energy norm, as a multiple of the accuracy; how often it is
+# halved at most, if it leaves too large an error of the field of a state.
+_MODES, _HALVED = 0.2, 6
 # If the projection error of a training state is larger than `_TOO_FEW_MODES` times the accuracy, the limit of the
 # recipe is raised to `most_modes_of` the domain. If that is not enough, more states or points do not help and the map
 # is refused; the choice of sample points then has `_ROUNDS_IN_VAIN` rounds, which only serve to state the error.
@@ -95,6 +96,7 @@ class Training:
         self.most_modes = min(
             modes_at_first(plan, domain.parametrisation.signal_count), most_modes_of(domain)
         )
+        self._modes_within = _MODES * plan.accuracy
         self.known = Snapshots(solver, domain.holds)
         self.rounds: list[Round] = []
         self._off = bool(solver.device.fixed_sources)
@@ -290,7 +292,21 @@ class Training:
 
     def modes(self) -> SolvedModes:
         """The modes of all states that the model is trained on."""
-        return SolvedModes(self.solver, self.known, self.most_modes, _MODES * self.plan.accuracy)
+        return SolvedModes(self.solver, self.known, self.most_modes, self._modes_within)
+
+    def finer_modes(self, currents: Sequence[Array]) -> None:
+        """Take more modes, until they represent the fields at these currents within the accuracy.
+
+        The model is trained on these states. Modes are chosen by energy, which does not see where fields cancel: an
+        error that is small in the whole iron is large beside what is left in the workspace.
+        """
+        states = self.known.some(k for i in currents if (k := self.known.number(i)) is not None)
+        for _ in range(_HALVED):
+            modes = self.modes()
+            off = max(self.off_of_modes(modes, states, k) for k in range(len(states.currents)))
+            if off <= self.plan.accuracy or modes.model.modes >= self.most_modes:
+                break
+            self._modes_within *= 0.5
 
     def too_few(self, modes: SolvedModes) -> bool:
         """Whether the projection error onto the modes is so large that more states and points do not help."""

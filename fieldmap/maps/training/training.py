@@ -21,13 +21,20 @@ from fieldmap.iron import NonlinearSolver
 from fieldmap.iron.solvers.reduced import GalerkinModel, same_lengths
 from fieldmap.maps.forecast import ERRORS, expect_choices
 from fieldmap.maps.training.condensation import Condensed, condensed
-from fieldmap.maps.training.currents import STARTS, extreme_signals, held_out, sequence
+from fieldmap.maps.training.currents import extreme_signals, held_out, sequence
 from fieldmap.maps.training.model_error import Errors
 from fieldmap.maps.training.modes import output_fields, solved, solved_from
 from fieldmap.maps.training.plan import Plan
 from fieldmap.maps.training.reduction import Reduction, model_of_map
 from fieldmap.maps.training.room import require_room
-from fieldmap.maps.training.search import ExtremesTried, allowed, search_condensed, search_worst, try_extremes
+from fieldmap.maps.training.search import (
+    SEARCHED,
+    ExtremesTried,
+    allowed,
+    search_condensed,
+    search_worst,
+    try_extremes,
+)
 from fieldmap.maps.training.sequence import Training, modes_at_first, most_modes_of
 from fieldmap.maps.training.states import Snapshots, Solved, SolvedStates, Stored
 from fieldmap.parallel import results_of
@@ -208,7 +215,7 @@ def _trained_and_tried(training: Training, tries: Tries) -> Reduction:
         short: list[tuple[Array, Solved | Stored]] = []
         # The search finds errors that extremes and random states do not show.
         if not more:
-            number = first + len(random) + tries.searches * STARTS
+            number = first + len(random) + tries.searches * SEARCHED
             before = tried.get(_SEARCHED, Snapshots(training.solver))
             tried[_SEARCHED], looked_at = search_worst(training, reduction, number, before)
             extremes = replace(extremes, searched=looked_at)
@@ -225,11 +232,14 @@ def _trained_and_tried(training: Training, tries: Tries) -> Reduction:
 def _train_on(
     training: Training, reduction: Reduction, short: Sequence[tuple[Array, Solved | Stored]]
 ) -> None:
-    """Add states to the training. If the model has the most modes already, raise their limit."""
+    """Add states to the training. If the model has the most modes already, raise their limit; if the modes represent
+    one of these states too badly, take more."""
     if reduction.sampled.modes >= training.most_modes:
         training.more_modes()
     for currents, state in short:
         training.known.add(currents, state)
+    if short:
+        training.finer_modes([currents for currents, _ in short])
 
 
 def _fall_short(
