@@ -47,16 +47,16 @@ def pytest_collection_finish():
     gc.enable()
 
 
-# Begun together, one in each process: the first compiles for a minute what most tests call, then the loop of
-# simulations, the second the solver for currents and other kernels alone, then lookups and the wrench on a body. Of
-# what both reach at the same time, each would compile a copy.
+# The first two are begun together, one in each process: the one compiles what most tests call, the other kernels alone.
+# If both reached a kernel at the same time, each would compile it. Folders whose files have few and long tests follow,
+# so that none of these files is left to one process at the end.
 FIRST = (
     "tests/test_records.py",
-    "tests/kernels/test_current_solver.py",
-    "tests/dynamics/test_scenarios.py",
     "tests/kernels/",
-    "tests/kernels/test_lookup.py",
-    "tests/dynamics/test_rigid_body.py",
+    "tests/maps/",
+    "tests/interop/",
+    "tests/dynamics/",
+    "tests/docs/",
 )
 SLOW = Path(__file__).parent / "slow.txt"
 

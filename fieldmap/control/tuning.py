@@ -20,7 +20,8 @@ from fieldmap.errors import Infeasible, Problem
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-_FREQUENCIES, _SEED = 1500, 1
+# Frequencies of a curve; of these, every so many where the region of the optimum is searched.
+_FREQUENCIES, _EVERY, _SEED = 1500, 5, 1
 # Integral times over that of a radian at the crossover.
 _TIMES = (0.1, 1e4)
 # Merit of a loop: the logarithm of |Kc| / Ti if it has the margins, otherwise the first number and the share of the
@@ -172,9 +173,11 @@ class _Search:
         there = np.abs(self.law(at, Ti, Td) * self.answer(at[:, 0])[:, None])
         return np.where(sign < 0.0, -1.0, 1.0) / there, Ti, Td
 
-    def margins(self, Kc: Array, Ti: Array, Td: Array) -> Array:
-        """Of the loops (5, k) of gains and times (k, 1)."""
-        return margins_of_curves(self.frequencies, Kc * self.law(self.frequencies, Ti, Td) * self.answers)
+    def margins(self, Kc: Array, Ti: Array, Td: Array, every: int = 1) -> Array:
+        """Of the loops (5, k) of gains and times (k, 1), from every so many frequencies back from the last."""
+        some = slice(None, None, -every)
+        frequencies, answers = self.frequencies[some][::-1], self.answers[some][::-1]
+        return margins_of_curves(frequencies, Kc * self.law(frequencies, Ti, Td) * answers)
 
     def shares(self, margins: Array) -> Array:
         """(4, k): margins (5, k) over what is asked for, those of gains by their logarithms."""
@@ -184,25 +187,31 @@ class _Search:
         phase = np.nan_to_num(margins[2] / self.phase_margin, nan=np.inf)
         return np.array([*gains, phase, margins[4] / self.modulus])
 
-    def tuned(self, tried: Array) -> list[TunedPID]:
-        """The controllers and what they reach."""
+    def tuned(self, tried: Array, every: int = 1) -> list[TunedPID]:
+        """The controllers and what they reach, by every so many frequencies."""
         Kc, Ti, Td = self.gains(tried)
-        margins = self.margins(Kc, Ti, Td)
+        margins = self.margins(Kc, Ti, Td, every)
         shares = self.shares(margins).min(axis=0)
-        found = []
-        for *numbers, share, of in zip(Kc[:, 0], Ti[:, 0], Td[:, 0], shares, margins.T, strict=True):
+        pids = []
+        for numbers in zip(Kc[:, 0], Ti[:, 0], Td[:, 0], strict=True):
             gain, integral, derivative = (float(number) for number in numbers)
             rules: Any = {"integration": self.integration, "acts_on_minus_error": gain < 0.0}
-            pid = PID(abs(gain), integral, derivative, self.Ts, Tf=derivative / self.N, c=0.0, **rules)
-            found.append(TunedPID(pid, Margins("", *of.tolist()), self.largest_pole(pid), float(share)))
-        return found
+            pids.append(PID(abs(gain), integral, derivative, self.Ts, Tf=derivative / self.N, c=0.0, **rules))
+        return [
+            TunedPID(pid, Margins("", *of.tolist()), float(pole), float(share))
+            for pid, of, pole, share in zip(pids, margins.T, self.largest_poles(pids), shares, strict=True)
+        ]
 
-    def largest_pole(self, pid: PID) -> float:
-        """Of the closed loop, in q, by its size."""
-        (A, B, C), k = self.plant, pid_block(pid, ALONE)
-        listen = k.D[0, 3] * np.outer(B, C)
-        loop = np.block([[A + listen, np.outer(B, k.C[0])], [np.outer(k.B[:, 3], C), k.A]])
-        return float(np.abs(scipy.linalg.eigvals(loop)).max())
+    def largest_poles(self, pids: list[PID]) -> Array:
+        """Of the closed loops (k,), in q, by their size."""
+        A, B, C = self.plant
+        n, through = len(A), np.outer(B, C)
+        loops = np.empty((len(pids), n + 3, n + 3))
+        for loop, pid in zip(loops, pids, strict=True):
+            k = pid_block(pid, ALONE)
+            loop[:n, :n], loop[:n, n:] = A + k.D[0, 3] * through, np.outer(B, k.C[0])
+            loop[n:, :n], loop[n:, n:] = np.outer(k.B[:, 3], C), k.A
+        return np.asarray(np.abs(np.linalg.eigvals(loops)).max(axis=1))
 
     def best(self) -> TunedPID | None:
         """The loop of most merit; None if none was found that is stable.
@@ -215,7 +224,7 @@ class _Search:
         bounds = [(-1.0, 1.0), tuple(np.log(at)), tuple(np.log(_TIMES)), (0.0, 1.0)]
 
         def lacking(tried: Array) -> Array:
-            return np.array([-_merit(one) for one in self.tuned(tried)])
+            return np.array([-_merit(one) for one in self.tuned(tried, _EVERY)])
 
         found = scipy.optimize.differential_evolution(
             lacking,

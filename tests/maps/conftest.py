@@ -7,7 +7,7 @@ import pytest
 
 from fieldmap.maps import generate, generation
 from fieldmap.maps.error_bound import certified_bounds
-from fieldmap.maps.training import condensation
+from fieldmap.maps.training import condensation, sampling, sequence
 
 DEVICES = Path(__file__).parents[1] / "devices"
 DEVICE = (DEVICES / "pair.toml").read_text()
@@ -95,6 +95,15 @@ def few_states(tmp_path):
     return write_few_states(tmp_path)
 
 
+def with_little_care(patch):
+    """A training that cannot reach what is asked for uses up all that it may: of choices of points, and of states at
+    which they are tried, that is little here. How well few points and modes do is the claim of other tests."""
+    patch.setattr(condensation, "_STATES", 60)
+    patch.setattr(sequence, "ROUNDS", 6)
+    patch.setattr(sampling, "_EXTREMES", 8)
+    patch.setattr(sampling, "_RANDOM", 8)
+
+
 @pytest.fixture(scope="session")
 def few_states_map(tmp_path_factory):
     """The map of that recipe, its error accepted, to be read only: path, the fields that its certificate asked for at
@@ -107,8 +116,7 @@ def few_states_map(tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(generation, "certified_bounds", keep)
-        # How well the workspace is seen by fewer modes is another test's claim.
-        patch.setattr(condensation, "_STATES", 60)
+        with_little_care(patch)
         path = generate(
             write_few_states(folder),
             folder / "map.h5",
