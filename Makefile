@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-# Bytecode is kept, also on machines that are set up to keep none: the tests start many processes.
+# The tests start many processes, which share the bytecode: Python must write it, even if the machine's settings forbid it.
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: install map test slow style kernels tests bench validate mutants docs clean
@@ -13,26 +13,26 @@ install: $(STAMP)
 map: $(STAMP)
 	$(BIN)/fieldmap map maps/workspace.toml -o maps/out/workspace.h5 --resume --summary
 
-# Style and kernels as Python run beside the tests, which have two processes, for two processors. A file's tests stay in
-# one process, which makes their shared fixtures once. `make validate` runs the tests that tests/slow.txt names.
+# Two jobs at a time: style and kernels, and the tests, which use two processes. All tests of a file run in one process,
+# so that their shared fixtures are made once. `make slow` and `make validate` run the tests that tests/slow.txt names.
 test: $(STAMP)
 	$(MAKE) --no-print-directory --jobs=2 kernels tests
 
 slow: $(STAMP)
 	$(BIN)/pytest -q -n 2 --dist loadfile -m slow tests
 
-# Types by mypy's rules; mypy itself, ten times as slow, is run by `make validate`.
+# zuban checks types by mypy's rules. `make validate` runs mypy itself, which takes ten times as long.
 style: $(STAMP)
 	$(BIN)/ruff check fieldmap tests scripts
 	$(BIN)/lint-imports
 	$(BIN)/zuban mypy --python-executable $(BIN)/python
 
-# As Python, an index out of range is an error.
+# Kernels run as plain Python, without numba: an index out of range then raises an error.
 kernels: style
 	NUMBA_DISABLE_JIT=1 $(BIN)/pytest -q -m "not slow" tests/kernels
 
-# Without the values in failed assertions, for which each process would rewrite all tests, and without catching what is
-# logged; what fails runs once more, with both.
+# The first run leaves out pytest's rewriting of assertions and its capture of logs, to save time. Tests that fail run a
+# second time with both, for a readable report.
 tests: $(STAMP)
 	$(BIN)/pytest -q -n 2 --dist loadfile --no-loadscope-reorder --doctest-modules -m "not slow" \
 	    --assert=plain -p no:logging fieldmap tests \
@@ -50,7 +50,7 @@ mutants: $(VENV)/.installed-mutants
 	$(BIN)/python scripts/dev/mutants.py --planted
 	$(BIN)/python scripts/dev/mutants.py control currents dynamics interpolants iron levitation lookup sources
 
-# Both in environments of their own, which are deleted again (FOLDER=... keeps the second's files).
+# Both targets work in temporary environments (FOLDER=... keeps the files of release-check).
 oldest:
 	$(PYTHON) scripts/dev/oldest.py
 
@@ -60,7 +60,7 @@ release-check:
 docs: $(VENV)/.installed-docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-# What is compiled is compiled anew.
+# Installation compiles the core, so a changed C file starts it again.
 $(STAMP): pyproject.toml constraints.txt $(wildcard fieldmap/core/*.h fieldmap/core/*.c)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[test]"

@@ -85,7 +85,7 @@ if TYPE_CHECKING:
     from fieldmap.studies import generate_many as generate_many
     from fieldmap.studies import optimise as optimise
 
-# What machines are made of in Python.
+# Classes and functions that build a machine in Python.
 _PARTS = (
     "Arctangent",
     "Background",
@@ -170,7 +170,7 @@ _PACKAGES = (
     "studies",
     "thesis",
 )
-# `from fieldmap import *` is not to load all of them.
+# Not all packages, because `from fieldmap import *` would load them.
 __all__ = [*_PUBLIC, "control", "dynamics", "instruments", "interop"]
 
 

@@ -1,4 +1,4 @@
-"""What functions ask of the numbers they are given: finite, positive, of a certain shape. Raises InputError."""
+"""Checks of arguments: finite, positive, of a given shape. A failed check raises InputError."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from fieldmap.records import Record
 from fieldmap.typing import Array
 
 LARGEST_NUMBER = 1e30
-"""Of any quantity that a file gives, in the unit of its key or column: squares and products of larger ones overflow."""
+"""Largest size of a number in a file, in the unit of its key or column. Products of larger numbers may overflow."""
 
 
 def finite_number(value: object) -> bool:
-    """Whether a value is one finite real number, and no truth value.
+    """Whether a value is one finite real number and not a boolean.
 
     >>> finite_number(2), finite_number("initial"), finite_number([1.0]), finite_number(float("nan"))
     (True, False, False, False)
@@ -54,24 +54,24 @@ def _check_each(
 
 
 def check_numbers(where: str, **numbers: float) -> None:
-    """Every number finite; raises InputError with all that are not."""
+    """Raise InputError that lists every number that is not finite."""
     _check_each(where, numbers, finite_number, "must be a finite number", "give its value in SI units")
 
 
 def check_positive(where: str, **numbers: float) -> None:
-    """Every number finite and above zero; raises InputError with all that are not."""
+    """Raise InputError that lists every number that is not finite and above zero."""
     must_hold = "must be a finite number above 0"
     _check_each(where, numbers, lambda v: finite_number(v) and v > 0, must_hold, "give a positive {}")
 
 
 def check_not_negative(where: str, **numbers: float) -> None:
-    """Every number finite and at least zero; raises InputError with all that are not."""
+    """Raise InputError that lists every number that is not finite or is below zero."""
     must_hold = "must be a finite number, 0 or more"
     _check_each(where, numbers, lambda v: finite_number(v) and v >= 0, must_hold, "give {} >= 0")
 
 
 def check_count(where: str, **numbers: int) -> None:
-    """Every number whole and at least one; raises InputError with all that are not."""
+    """Raise InputError that lists every number that is not whole or is below one."""
     must_hold = "must be a whole number, 1 or more"
     _check_each(
         where, numbers, lambda v: isinstance(v, (int, np.integer)) and v >= 1, must_hold, "give {} >= 1"
@@ -79,25 +79,25 @@ def check_count(where: str, **numbers: int) -> None:
 
 
 def check_choice(where: str, value: str, choices: Iterable[str]) -> str:
-    """One of the choices; raises InputError for anything else."""
+    """Return `value` if it is one of the choices; otherwise raise InputError."""
     allowed = list(choices)
     check(value in allowed, where, f"must be one of {', '.join(allowed)}", repr(value), "choose one of them")
     return value
 
 
 def check_names(where: str, names: Iterable[str], must_hold: str, known: Container[str], remedy: str) -> None:
-    """Every name among those that are known; raises InputError with all that are not."""
+    """Raise InputError that lists every name that is not in `known`."""
     raise_all(Problem(where, must_hold, repr(name), remedy) for name in names if name not in known)
 
 
 def check_ordered(where: str, lower: float, upper: float) -> None:
-    """lower < upper, neither NaN; either may be infinite."""
+    """Raise InputError unless lower < upper. Either may be infinite; NaN fails."""
     received, remedy = f"{lower!r}, {upper!r}", "give the lower limit first"
     check(lower < upper, f"{where}(lower, upper)", "must rise", received, remedy)
 
 
 def check_signal(where: str, values: ArrayLike, columns: int | None = None) -> Array:
-    """A finite signal as an array of floats; with `columns`, of shape (..., columns)."""
+    """Return a finite signal as an array of floats, of shape (..., columns) if `columns` is given."""
     signal = np.asarray(values, dtype=float)
     if columns is not None:
         fits, must = signal.shape[-1:] == (columns,), f"must have {columns} numbers in its last axis"
@@ -110,7 +110,7 @@ def check_signal(where: str, values: ArrayLike, columns: int | None = None) -> A
 
 
 def check_record(where: str, least: int, **signals: ArrayLike) -> tuple[Array, Array]:
-    """Rising times (n,) and as many values, `least` or more; the two by the names that the caller has for them."""
+    """Return rising times (n,) and values (n,), n >= least. The names of the two keywords appear in the message."""
     time, values = (np.atleast_1d(check_signal(f"{where}({name})", given)) for name, given in signals.items())
     rises = time.ndim == 1 and time.shape == values.shape and bool((np.diff(time) > 0).all())
     must, received = (
@@ -123,7 +123,7 @@ def check_record(where: str, least: int, **signals: ArrayLike) -> tuple[Array, A
 
 
 def check_matrix(where: str, values: ArrayLike, shape: tuple[int | None, int | None]) -> Array:
-    """A finite matrix of this shape, None for any size; a number stands for (1, 1)."""
+    """Return a finite matrix. None in `shape` allows any size; a single number becomes a matrix (1, 1)."""
     matrix = np.asarray(values, dtype=float)
     matrix = matrix.reshape(1, 1) if matrix.ndim == 0 else matrix
     fits = matrix.ndim == 2 and all(s is None or s == n for s, n in zip(shape, matrix.shape, strict=True))
@@ -145,7 +145,7 @@ _OF_VECTORS, _VECTORS = "must be numbers of shape (3,) or (n, 3)", "give x, y, z
 def checked_vectors(name: str, values: ArrayLike) -> tuple[Array, bool]:
     """`values` as (n, 3), and whether a single vector (3,) was given. Raises InputError for other shapes."""
     try:
-        # Writeable too, lest a read-only array costs a compilation of its own.
+        # Writeable, because numba would compile its kernels again for a read-only array.
         array = np.require(values, np.float64, ["C", "W"])
     except (TypeError, ValueError):
         remedy = remedy_of_moment(values, _VECTORS)
@@ -158,7 +158,7 @@ def checked_vectors(name: str, values: ArrayLike) -> tuple[Array, bool]:
 
 
 def check_vector(where: str, value: ArrayLike, remedy: str) -> Array:
-    """Three finite numbers as an array (3,) of their own. Raises InputError."""
+    """Return three finite numbers as a new array (3,). Raises InputError for anything else."""
     must_hold = "must be three finite numbers"
     try:
         given = np.asarray(value)
@@ -171,7 +171,7 @@ def check_vector(where: str, value: ArrayLike, remedy: str) -> Array:
 
 
 def remedy_of_moment(value: object, remedy: str) -> str:
-    """`remedy`, or what to do where a data object, such as a payload, stands in the place of a moment."""
+    """The remedy for a wrong moment: `remedy`, or another one if `value` is a data object, such as a payload."""
     if not isinstance(value, Record):
         return remedy
     return "of a payload give fieldmap.lookup.magnetic_body(payload), or payload.moment_vector"

@@ -1,12 +1,12 @@
-"""How a few signals become the currents of all coils: a `CurrentParametrisation`, and a box of its signals.
+"""Parametrisations, which turn a few control signals into the currents of all coils, and boxes of signals.
 
-A controller seldom moves every coil by itself. A parametrisation says which currents (n_coils,) belong to signals
-(n_signals,), how they change with them, and which signals belong to given currents. A map of saturating iron holds for
-a `CurrentDomain`, a box of signals, and stores its parametrisation by name and parameters.
+A controller seldom drives every coil independently. A parametrisation gives the currents (n_coils,) of signals
+(n_signals,), their derivatives, and the signals of given currents. A map of saturating iron is valid in a
+`CurrentDomain`, a box of signals, and stores its parametrisation by name and parameters.
 
 `IndependentCurrents`: each signal is the current of one coil. `CoilGroups`: each signal is the current of a group of
-coils. `LiftAndDirections`: six coils in two rows of three, driven by one lift and two direction signals. One more is a
-class that derives from `CurrentParametrisation` and is decorated with `register`.
+coils. `LiftAndDirections`: six coils in two rows of three, driven by one lift and two direction signals. A further
+parametrisation is a class that derives from `CurrentParametrisation` and is decorated with `register`.
 
 Depends on: errors, arguments, numpy.
 """
@@ -31,16 +31,16 @@ from fieldmap.records import Record, tuple_line
 from fieldmap.typing import Array
 
 TOLERANCE = 1e-6
-"""Currents belong to signals if they differ from those of the nearest signals by no more than this share."""
+"""Largest relative difference between given currents and the currents of their nearest signals."""
 ROUNDING = 1e-9
-"""Signals lie in a domain if they are beyond it by no more than this share of its range."""
+"""Signals that lie beyond a domain by less than this share of its range count as inside."""
 
 
 class NearestSignals(NamedTuple):
-    """Signals (..., n_signals) whose currents are nearest to given ones, and by what share (...) these are off.
+    """Signals (..., n_signals) with the currents nearest to given currents, and the relative mismatch (...).
 
-    The share is of the mean current or of the largest, as the parametrisation says; infinite where there are no such
-    signals.
+    The mismatch is relative to the mean or the largest current, depending on the parametrisation. It is infinite where
+    no signals exist.
     """
 
     values: Array
@@ -55,8 +55,8 @@ class NearestSignals(NamedTuple):
 
 
 class CompiledParametrisation(NamedTuple):
-    """division: six currents of a lift and two directions, with this exponent; else currents = matrix (n_coils,
-    n_signals) @ signals. What is not needed is zero or empty."""
+    """A parametrisation for the C core. division: whether six currents come from `LiftAndDirections` with `exponent`;
+    otherwise currents = matrix (n_coils, n_signals) @ signals. Unused entries are zero or empty."""
 
     division: bool
     exponent: float
@@ -67,15 +67,15 @@ class CompiledParametrisation(NamedTuple):
 
 
 class CurrentParametrisation(ABC):
-    """Signals (..., n_signals) to currents (..., n_coils), A. Frozen; equal if name and parameters are equal."""
+    """Turns signals (..., n_signals) into currents (..., n_coils), A. Frozen; equal if name and parameters are."""
 
     name: ClassVar[str]
-    """By which it is registered and stored."""
+    """Name under which the class is registered and stored."""
 
     @property
     @abstractmethod
     def parameters(self) -> dict[str, Any]:
-        """What, with the name, makes it again: plain JSON."""
+        """Arguments of the constructor, as plain JSON."""
 
     @property
     @abstractmethod
@@ -159,10 +159,10 @@ class CurrentParametrisation(ABC):
 
     @abstractmethod
     def kernel(self) -> CompiledParametrisation:
-        """As the C core takes it."""
+        """The parametrisation in the form that the C core takes."""
 
     def within(self, lower: Array, upper: Array, shares: Array) -> Array:
-        """Signals that fill a domain once: the box, unless the parametrisation limits the currents.
+        """Signals at shares of a domain: of the box, cut where the parametrisation limits the currents.
 
         Parameters
         ----------
@@ -179,7 +179,7 @@ class CurrentParametrisation(ABC):
         return np.asarray(lower + shares * (upper - lower))
 
     def excess(self, signals: Array) -> float:
-        """By what share the largest current is beyond the limit of the parametrisation.
+        """Relative excess of the largest current over the limit of the parametrisation.
 
         Parameters
         ----------
@@ -189,7 +189,7 @@ class CurrentParametrisation(ABC):
         Returns
         -------
         float
-            The share; 0 or less within the limit, and -1 where there is none.
+            The excess: 0 or less within the limit, -1 without a limit.
         """
         return -1.0
 
@@ -201,7 +201,7 @@ class CurrentParametrisation(ABC):
         currents
             Currents (..., n_coils), A.
         tolerance
-            By what share the currents may be off.
+            Largest relative mismatch of the currents.
 
         Returns
         -------
@@ -217,7 +217,7 @@ class CurrentParametrisation(ABC):
         return len(self.signal_names)
 
     def to_json(self) -> str:
-        """Name and parameters as one text, from which `parametrisation_from_json` makes it again."""
+        """Name and parameters as a text that `parametrisation_from_json` reads."""
         return json.dumps({"name": self.name, "parameters": self.parameters}, sort_keys=True)
 
 
@@ -249,14 +249,14 @@ def register(kind: P) -> P:
 
 
 def parametrisation(name: str, parameters: Mapping[str, Any]) -> CurrentParametrisation:
-    """The parametrisation of a name with parameters.
+    """Make the parametrisation that is registered under a name.
 
     Parameters
     ----------
     name
-        By which it is registered.
+        Name of the class.
     parameters
-        By name, plain JSON.
+        Arguments of its constructor, plain JSON.
 
     Returns
     -------
@@ -299,7 +299,7 @@ def parametrisation_from_json(text: str) -> CurrentParametrisation:
     Raises
     ------
     InputError, ValueError, KeyError or TypeError
-        For a text that describes none.
+        For a text that describes no parametrisation.
     """
     content = json.loads(text)
     return parametrisation(content["name"], content["parameters"])
@@ -318,7 +318,7 @@ class _Grouped(CurrentParametrisation):
 
     @property
     def matrix(self) -> Array:
-        """Currents (n_coils, n_groups) of groups at 1 A."""
+        """Currents (n_coils, n_groups) with 1 A in one group at a time."""
         return np.eye(len(self.groups))[self._group_of]
 
     def currents(self, signals: ArrayLike) -> Array:
@@ -331,7 +331,7 @@ class _Grouped(CurrentParametrisation):
         return np.tile(self.matrix, (*leading, 1, 1))
 
     def nearest(self, currents: ArrayLike) -> NearestSignals:
-        """The mean of each group; off by the largest difference, as a share of the largest current."""
+        """The mean current of each group. The mismatch is the largest difference over the largest current."""
         given = check_signal("currents", currents, columns=self.coil_count)
         matrix = self.matrix
         values = given @ matrix / matrix.sum(axis=0)
@@ -339,7 +339,7 @@ class _Grouped(CurrentParametrisation):
         return NearestSignals(values, off / np.where(size > 0.0, size, 1.0))
 
     def largest(self, lower: Array, upper: Array) -> Array:
-        """The larger end of each group's range."""
+        """The larger absolute limit of each group's range."""
         return np.maximum(np.abs(lower), np.abs(upper))[self._group_of]
 
     def kernel(self) -> CompiledParametrisation:
@@ -383,7 +383,7 @@ class IndependentCurrents(_Grouped, Record):
         return tuple(f"i{k + 1}" for k in range(self.coils))
 
     def nearest(self, currents: ArrayLike) -> NearestSignals:
-        """The currents themselves, which are never off."""
+        """The currents themselves, with mismatch zero."""
         values = check_signal("currents", currents, columns=self.coils)
         return NearestSignals(values, np.zeros(values.shape[:-1]))
 
@@ -391,7 +391,7 @@ class IndependentCurrents(_Grouped, Record):
 @register
 @dataclass(frozen=True, repr=False)
 class CoilGroups(_Grouped, Record):
-    """Each signal is the current of a group of coils in series, A: a device moved along its symmetry.
+    """Each signal is the current of a group of coils in series, A, such as coils that are images by a symmetry.
 
     groups: numbers of the coils, from 0, of each group; every coil is in one group. Raises InputError otherwise.
 
@@ -421,7 +421,7 @@ class CoilGroups(_Grouped, Record):
         return tuple(f"g{k + 1}" for k in range(len(self.groups)))
 
 
-# The side of the axes on which each of the six coils lies; the second and the fifth lie on the x axis.
+# Signs of the coordinates of the six coils. The second and the fifth coil lie on the x axis.
 _X_SIDE = np.array([-1.0, -1.0, -1.0, 1.0, 1.0, 1.0])
 _Y_SIDE = np.array([-1.0, 0.0, 1.0, -1.0, 0.0, 1.0])
 _MIDDLE = _Y_SIDE == 0.0
@@ -432,12 +432,13 @@ _MIDDLE = _Y_SIDE == 0.0
 class LiftAndDirections(CurrentParametrisation, Record):
     """Six coils on a ring, in two rows of three at x < 0 and x > 0, each in the order of rising y.
 
-    Signals: u, A, the mean current, which lifts; x and y, 1, which push along the two axes. The four coils at the
-    corners get u (1 -+ x)(1 -+ y). The two on the x axis share what is left of 6 u as (1 -+ n x): n > 1 lets them
-    follow x more. The sum is 6 u and that of the two is 2 u whatever x and y are: docs/recipes.md.
+    Signals: the mean current u, A, sets the lift; x and y, dimensionless, push along the two axes. The four coils at
+    the corners get u (1 -+ x)(1 -+ y). The two coils on the x axis share the rest of 6 u in the ratio (1 - n x) :
+    (1 + n x), so they follow x more strongly for n > 1. The six currents add up to 6 u, and the two on the x axis to
+    2 u, for all x and y: docs/recipes.md.
 
-    limit: the largest current of a coil, A, in a domain of these signals: u ends where a coil reaches it, the lower the
-    larger x and y are. None: no limit.
+    limit: largest current of a coil, A, in a domain of these signals. The range of u ends where a coil reaches it.
+    None: no limit.
 
     >>> LiftAndDirections(n=1.25).currents([1.0, 0.2, 0.1]).round(3).tolist()
     [0.72, 0.75, 0.88, 1.08, 1.25, 1.32]
@@ -474,12 +475,12 @@ class LiftAndDirections(CurrentParametrisation, Record):
         return ("A", "1", "1")
 
     def currents(self, signals: ArrayLike) -> Array:
-        """Of the two rows, in the order of the coils."""
+        """Currents of the two rows, in the order of the coils."""
         u, x, y = np.moveaxis(check_signal("signals", signals, columns=3), -1, 0)
         return self._divided(u[..., None], x[..., None], y[..., None])
 
     def derivative(self, signals: ArrayLike) -> Array:
-        """Columns by u, x and y."""
+        """Derivatives by u, x and y, one column each."""
         u, x, y = (values[..., None] for values in np.moveaxis(np.asarray(signals, dtype=float), -1, 0))
         by_u = self._divided(np.ones_like(u), x, y)
         corner_x, corner_y = 1.0 + _X_SIDE * x, 1.0 + _Y_SIDE * y
@@ -488,13 +489,14 @@ class LiftAndDirections(CurrentParametrisation, Record):
         return np.stack([by_u, by_x, by_y], axis=-1)
 
     def nearest(self, currents: ArrayLike) -> NearestSignals:
-        """u is the mean, x the projection on what x does at y = 0, y what the corners say; exact if there are such
-        signals. Off by the largest difference as a share of u. Currents of mean 0 have none: zeros, off by infinity."""
+        """u is the mean current, x the projection on the effect of x at y = 0, and y comes from the corner coils. They
+        are exact for currents of some signals. The mismatch is the largest difference over u. For a mean of 0 the
+        signals are zero and the mismatch is infinite."""
         given = check_signal("currents", currents, columns=6)
         u = given.mean(axis=-1)
         mean = np.where(u == 0.0, 1.0, u)
         share = given / mean[..., None]
-        # At y = 0 a corner has the share 1 + s x and a middle coil 1 + n s x; sums over y cancel what y adds.
+        # At y = 0 a corner has the share 1 + s x and a middle coil 1 + n s x. Sums over y cancel the effect of y.
         slope = np.where(_MIDDLE, self.n, 1.0) * _X_SIDE
         x = ((share - 1.0) * slope).sum(axis=-1) / (slope**2).sum()
         y = (share * _Y_SIDE).sum(axis=-1) / 4.0
@@ -504,13 +506,13 @@ class LiftAndDirections(CurrentParametrisation, Record):
         return NearestSignals(values, np.where(u == 0.0, np.inf, mismatch))
 
     def largest(self, lower: Array, upper: Array) -> Array:
-        """Found in the corners of the box: a current is linear in each signal alone. None is beyond the limit."""
+        """Largest values in the corners of the box, since a current is linear in each signal; at most the limit."""
         corners = lower + np.array(list(itertools.product((0.0, 1.0), repeat=3))) * (upper - lower)
         found = np.abs(self.currents(corners)).max(axis=0)
         return np.asarray(found if self.limit is None else np.minimum(found, self.limit))
 
     def within(self, lower: Array, upper: Array, shares: Array) -> Array:
-        """The box, u up to where a coil reaches the limit."""
+        """Signals in the box, with u up to the value at which a coil reaches the limit."""
         signals = np.array(lower + shares * (upper - lower), dtype=float)
         if self.limit is not None:
             at_one = self._divided(np.ones_like(signals[..., :1]), signals[..., 1:2], signals[..., 2:])
@@ -519,7 +521,7 @@ class LiftAndDirections(CurrentParametrisation, Record):
         return signals
 
     def excess(self, signals: Array) -> float:
-        """Of the largest of the six currents."""
+        """Relative excess of the largest of the six currents."""
         if self.limit is None:
             return -1.0
         return float(np.abs(self.currents(signals)).max() / self.limit - 1.0)
@@ -537,8 +539,7 @@ class LiftAndDirections(CurrentParametrisation, Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CurrentDomain(Record):
-    """A box of signals, lower to upper (n_signals,), within the parametrisation's limit, and the currents that belong
-    to them."""
+    """A box of signals from lower to upper (n_signals,), cut at the current limit of the parametrisation."""
 
     parametrisation: CurrentParametrisation
     lower: Array
@@ -551,7 +552,7 @@ class CurrentDomain(Record):
 
     @property
     def largest(self) -> Array:
-        """Largest size (n_coils,) of every current."""
+        """Largest absolute value (n_coils,) of every current, A."""
         return self.parametrisation.largest(self.lower, self.upper)
 
     def at(self, shares: Array) -> Array:
@@ -578,7 +579,7 @@ class CurrentDomain(Record):
         signals
             Signals (n_signals,).
         margin
-            By what share of the range a signal may be beyond it.
+            Share of the range by which a signal may lie beyond it.
 
         Returns
         -------
@@ -606,8 +607,8 @@ class CurrentDomain(Record):
         return self.outside(signals) is None and self.parametrisation.excess(signals) <= ROUNDING
 
     def largest_equal_current(self) -> float | None:
-        """The largest current, A, that all coils may carry at once. None where they may not all carry the mean of the
-        currents in the middle of the domain, from which it is searched.
+        """The largest current, A, that all coils may carry at once. The bisection starts at the mean current in the
+        middle of the domain. None if that mean in all coils is outside the domain.
 
         >>> domain = CurrentDomain(LiftAndDirections(), np.array([1.0, -0.4, -0.4]), np.array([2.0, 0.4, 0.4]))
         >>> round(domain.largest_equal_current(), 6)
@@ -629,8 +630,7 @@ class CurrentDomain(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DivisionSignals(Record):
-    """What `undivide_currents` finds: u, x and y, and by how much the given currents differ from those of these
-    signals, relative to u."""
+    """Result of `undivide_currents`: signals u, x and y, and the mismatch of their currents relative to u."""
 
     u: Array
     x: Array
@@ -644,7 +644,7 @@ def divide_currents(u: ArrayLike, x: ArrayLike, y: ArrayLike, n: float = 1.0) ->
     Parameters
     ----------
     u
-        Lift signal; its unit is that of the result.
+        Lift signal; the result has the same unit.
     x, y
         Direction signals. The three broadcast against each other.
     n
@@ -678,12 +678,12 @@ def undivide_currents(currents: ArrayLike, n: float = 1.0) -> DivisionSignals:
     currents
         (..., 6).
     n
-        Of `LiftAndDirections`.
+        Exponent of `LiftAndDirections`.
 
     Returns
     -------
     DivisionSignals
-        u, x and y, and by how much the currents differ from theirs.
+        u, x and y, and the relative mismatch of their currents.
 
     Raises
     ------
@@ -707,7 +707,7 @@ def undivide_currents(currents: ArrayLike, n: float = 1.0) -> DivisionSignals:
 def division_slopes(u: float, x: float, y: float, n: float = 1.0) -> Array:
     """Derivative of the currents of `LiftAndDirections` by its signals.
 
-    With the force per ampere of each coil it gives the forces that lift and direction signals make.
+    The product with the force per ampere of each coil is the force per unit of each signal.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ class Series(Record):
 
     name: for the legend; series of the same name get the same colour. x, y (n,): in the units of the figure's labels;
     NaN interrupts a line. kind: "ours", "published" (computed or printed in a publication), "measured", or "asked" (the
-    reference of a control loop). points: marks in the place of a line. Raises ValueError for other shapes and kinds.
+    reference of a control loop). points: markers instead of a line. Raises ValueError for other shapes and kinds.
     """
 
     name: str
@@ -42,9 +42,9 @@ class Series(Record):
 class Curves(Record):
     """One figure.
 
-    Labels carry the unit: "depth below the core (mm)". remark: a sentence below the figure; log_y: y by decades; equal:
-    one unit as long along x as along y. message: what its data say in one line, computed from them; without one a
-    figure says how far ours is from what is published or measured (`message_of`).
+    Labels carry the unit: "depth below the core (mm)". remark: a sentence below the figure; log_y: logarithmic y axis;
+    equal: equal scales of x and y. message: the result in one line, computed from the data. Without it the figure
+    states the difference between ours and published or measured series (`message_of`).
 
     >>> measured = Series("depth 10 mm", [0.0, 1.0], [0.1, 2.3], kind="measured", points=True)
     >>> Curves("Shift", "x control signal (1)", "x (mm)", (measured,)).series[0].kind
@@ -62,14 +62,14 @@ class Curves(Record):
 
 
 _FEW = 3
-"""Values that a series must have to be compared."""
+"""Least number of points for a comparison of two series."""
 _SAME = 1e-3
-"""Share of the range below which lines cannot be told apart."""
+"""Lines that differ by less than this share of the range count as the same."""
 
 
 @dataclass(frozen=True, repr=False)
 class Agreement(Record):
-    """How far a line of ours is from another series: their largest difference over the range of the other."""
+    """Largest difference between a line of ours and another series, over the range of the other series."""
 
     name: str
     kind: str
@@ -77,10 +77,10 @@ class Agreement(Record):
 
 
 def agreements(curves: Curves) -> tuple[Agreement, ...]:
-    """Every published or measured series beside our line of its name, or beside our only line.
+    """Compare every published or measured series with our line of the same name, or with our only line.
 
-    Ours is interpolated linearly at the other's x, as far as it reaches. The difference is relative to the range of the
-    other, from zero or the smallest to the largest.
+    Our line is interpolated linearly at the x of the other series that lie in its range. The difference is relative to
+    the range of the compared values, extended to zero.
 
     >>> x = [0.0, 1.0, 2.0]
     >>> ours, theirs = Series("B", x, [0.0, 1.0, 2.2]), Series("B", x, [0.0, 1.0, 2.0], "measured", points=True)
@@ -102,19 +102,19 @@ def agreements(curves: Curves) -> tuple[Agreement, ...]:
 
 
 def _difference(ours: Series, other: Series) -> float | None:
-    """The largest difference, relative to the range of what is compared of the other."""
+    """The largest difference, relative to the range of the other's compared values."""
     pair = _compared(ours, other)
     size = 0.0 if pair is None else _range(pair[1])
     return float(np.abs(pair[0] - pair[1]).max()) / size if pair is not None and size else None
 
 
 def _range(values: Array) -> float:
-    """From zero or the smallest to the largest."""
+    """Largest less smallest value; zero counts as a value."""
     return max(float(values.max()), 0.0) - min(float(values.min()), 0.0)
 
 
 def _compared(ours: Series, other: Series) -> tuple[Array, Array] | None:
-    """Our values at the other's x, as far as ours reaches, and the other's."""
+    """Our values at the other's x, and the other's values, within the range of our x."""
     known = np.isfinite(ours.x) & np.isfinite(ours.y)
     x, y = ours.x[known], ours.y[known]
     if len(x) < 2 or not (np.diff(x) > 0).all():
@@ -126,8 +126,8 @@ def _compared(ours: Series, other: Series) -> tuple[Array, Array] | None:
 
 
 def message_of(curves: Curves) -> str:
-    """What `agreements` say in one line; of lines of ours alone how far formulas are from the computed one; empty where
-    there is nothing to compare."""
+    """The worst of `agreements` in one line; for lines of ours alone, the difference between formulas and the computed
+    line; empty if there is nothing to compare."""
     found = agreements(curves)
     if not found:
         return _message_of_lines(curves)
@@ -140,7 +140,7 @@ def message_of(curves: Curves) -> str:
 
 
 def _message_of_lines(curves: Curves) -> str:
-    """Of lines of ours: whether all are the same, or how far formulas are from the line that is called "computed"."""
+    """Whether all our lines are the same, or how far formulas are from the line named "computed"."""
     if any(one.kind != "ours" for one in curves.series):
         return ""
     lines = [one for one in curves.series if not one.points and len(one.x) > 1]
@@ -161,7 +161,7 @@ def _message_of_lines(curves: Curves) -> str:
 
 
 def percent(share: float) -> str:
-    """A share in words, to two digits.
+    """A share in per cent, to two digits.
 
     >>> percent(0.1234), percent(0.00321), percent(1.7)
     ('12 %', '0.32 %', '170 %')

@@ -54,7 +54,7 @@ class FieldmapError(Exception):
         return cls(Problem(where, must_hold, received, remedy))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # As it is by default, with what the constructor takes: errors travel between processes.
+        # Processes exchange errors by pickle; the default would call the constructor with the text.
         return type(self), self.problems, self.__dict__
 
 
@@ -97,7 +97,7 @@ class MapFileError(InputError):
 
 
 class ControllerError(InputError):
-    """A controller of the user's own failed in a run. time, s: of the sample; run: what was recorded until then."""
+    """A user's own controller failed in a run. time: of the sample, s; run: the record until then."""
 
     def __init__(self, *problems: Problem, time: float = 0.0, run: Any = None) -> None:
         super().__init__(*problems)
@@ -118,7 +118,7 @@ class NotConverged(FieldmapError):  # noqa: N818 - a name fixed by the public in
 
 
 class ToleranceNotReached(NotConverged):
-    """Meshes were refined, and the estimated error is still larger than was asked for.
+    """The estimated error is still larger than the tolerance after the refinement of the mesh.
 
     report: how the run went, which part of which body would have to be refined, and what that would cost
     (`fieldmap.iron.error.ToleranceReport`); solution: the best so far. Both None if no mesh has an estimate.
@@ -133,10 +133,10 @@ class ToleranceNotReached(NotConverged):
 
 
 class MapErrorTooLarge(NotConverged):
-    """A map would be off by more than twice what its recipe asks for, and is not written under its name.
+    """The error of a map is more than twice the error that its recipe allows; the map is not written under its name.
 
-    reached: the errors and what was asked for (`fieldmap.store.MissedAccuracy`); part: which part of the current model
-    falls short, "states", "modes", "points", "fields" or "condensation", or "" where that is not known.
+    reached: the errors and the recipe's limits (`fieldmap.store.MissedAccuracy`); part: the part of the current model
+    that falls short, "states", "modes", "points", "fields" or "condensation", or "" if unknown.
     """
 
     def __init__(
@@ -148,26 +148,26 @@ class MapErrorTooLarge(NotConverged):
 
 
 class MapAccuracyWarning(UserWarning):
-    """A map that is opened is off by more than twice what its recipe asks for."""
+    """The error of an opened map is more than twice the error that its recipe allows."""
 
 
 class UnusualValueWarning(UserWarning):
-    """A size, mass, flux density or current beyond those of machines on a bench: more often a slip of the unit.
+    """A length, mass, flux density or current is larger than usual for a bench machine, as if its unit were wrong.
 
-    `warnings.simplefilter("ignore", fieldmap.errors.UnusualValueWarning)` says that it is meant.
+    `warnings.simplefilter("ignore", fieldmap.errors.UnusualValueWarning)` turns the warning off.
     """
 
 
 class NoEquilibrium(FieldmapError):  # noqa: N818 - reads as the outcome it is
-    """No point with balanced forces was found; `problems` says where it was looked for."""
+    """No point with balanced forces was found; `problems` describes the search."""
 
 
 class Infeasible(FieldmapError):  # noqa: N818 - a name fixed by the public interface
-    """No currents within the limits give what was asked for.
+    """No currents within the limits meet the demand.
 
-    Where known: reachable, what can be had in its place, in the order of the demand; share, which share of the demand
-    that is; binding, the coils whose limits rule the demand out, with these limits, A; actuation, of several forces,
-    their derivatives by the currents where the search ended (`fieldmap.lookup.Actuation`).
+    Attributes, None or empty if unknown: reachable, the nearest possible result, in the order of the demand; share, the
+    share of the demand that can be met; binding, the coils whose limits exclude the demand, with these limits, A;
+    actuation, for several forces, their derivatives by the currents at the end (`fieldmap.lookup.Actuation`).
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Modules that add choices: those of a folder of the package, and entry points of packages installed beside it."""
+"""Imports modules that add choices: modules in a folder of fieldmap, and entry points of other installed packages."""
 
 from importlib import import_module
 from pathlib import Path
@@ -7,13 +7,13 @@ from types import ModuleType
 
 
 def import_modules(package: str, folder: Path) -> None:
-    """Import every module of a package of this program."""
+    """Import every module in the folder of a package of fieldmap."""
     for module in iter_modules([str(folder)]):
         import_module(f"{package}.{module.name}")
 
 
 def installed_modules(group: str) -> list[ModuleType]:
-    """The modules, imported, that installed packages name as entry points of a group."""
+    """Import the modules that installed packages name as entry points of a group, and return them."""
     from importlib.metadata import entry_points
 
     return [entry.load() for entry in entry_points(group=group)]

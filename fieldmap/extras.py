@@ -1,6 +1,6 @@
-"""Libraries that only some functions need, and that `pip install "fieldmap[EXTRA]"` brings.
+"""Optional libraries, which `pip install "fieldmap[EXTRA]"` installs.
 
-pip takes the extras of the fieldmap that is installed, from a checkout or a wheel, and looks for no other one.
+pip takes the extras of the installed fieldmap, from a checkout or a wheel, and does not look for another version.
 """
 
 import importlib
@@ -12,8 +12,8 @@ from fieldmap.errors import MissingExtraError
 
 
 def require(module: str, extra: str, where: str, otherwise: str = "") -> ModuleType:
-    """The module. Raises MissingExtraError for `where` if it cannot be imported, with the command that installs it and
-    what can be done `otherwise`.
+    """Import a module and return it. If that fails, MissingExtraError names `where`, the command that installs the
+    module, and the alternative `otherwise`.
 
     >>> require("math", "none", "example").pi
     3.141592653589793
@@ -24,8 +24,8 @@ def require(module: str, extra: str, where: str, otherwise: str = "") -> ModuleT
 
 @contextmanager
 def needs(extra: str, where: str, otherwise: str = "", module: str = "") -> Iterator[None]:
-    """Turns an import inside it that fails into the MissingExtraError that `require` raises. module: the one to name;
-    otherwise the one that was not found.
+    """Context in which a failed import raises the MissingExtraError of `require`. module: its name in the message; by
+    default the module that was not found.
 
     >>> with needs("none", "example"):
     ...     import math

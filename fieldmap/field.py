@@ -1,25 +1,25 @@
 """The field of coils: flux density and its derivatives at points, for currents.
 
-`Field` is what the package works on. Coils, linear solutions, the solver of saturating iron, maps and measured maps are
-fields; equilibria, control, dynamics, plots, exports and commands take any of them. `Field.at(currents)` is the same
-field at fixed currents, a `FieldAtCurrents`; a solved state of saturating iron is one too.
+`Field` is the common interface of the package. Coils, linear solutions, the solver of saturating iron, maps and
+measured maps are fields; equilibria, control, dynamics, plots, exports and commands take any field.
+`Field.at(currents)` is the field at fixed currents, a `FieldAtCurrents`, as is a solved state of saturating iron.
 
 A class of your own needs `coil_names`, `field` and `gradient`: derive it from `Field`, which supplies the rest, or
-hand an object to `as_field`, for which `field_and_gradient` does in the place of the two.
+pass an object to `as_field`. There `field_and_gradient` may replace `field` and `gradient`.
 
-A controller needs to know of a field, or of the map that holds it:
+A controller uses these members of a field or map:
 
 - `coil_names`: the order of the currents, A.
 - `bounds`: the box in which the magnet may be, m. Beyond it a map raises OutsideMapError.
-- `proportional`: whether the field is the sum of the coils' fields. `affine`: whether it is that and a constant, as of
-  magnets and of a background field, which no current drives. Only of an affine field are there matrices from currents
-  to force and torque that hold for all currents (`fieldmap.lookup.wrench_actuation`); otherwise they belong to one set
+- `proportional`: whether the field is the sum of the coils' fields. `affine`: whether it is that sum plus a constant
+  field, such as the field of magnets or a background field. An affine field has matrices from currents to force and
+  torque that hold for all currents (`fieldmap.lookup.wrench_actuation`); for other fields a matrix belongs to one set
   of currents. `constant_field` and `constant_gradient`: the field with all currents off.
 - `wrench(position, moment, currents)`: force and torque on the magnet; `field`, `gradient` and `second_gradient` make
   the linear plant about a point (`fieldmap.control.plant_from_map`).
-- `gradient_jump(currents)`: how far the gradient may jump from cell to cell of a map. A force smaller than moment times
-  that is not resolved.
-- `assumptions`: what the numbers rest on; a certified map states `error_bound` besides.
+- `gradient_jump(currents)`: largest jump of the gradient between two cells of a map. A force smaller than the moment
+  times this jump is not resolved.
+- `assumptions`: assumptions of the model. A certified map has `error_bound`, too.
 - `FieldMap.currents_for`: the inverse, least-power currents for a force. `FieldMap.compiled`: the same lookup for code
   that numba compiles, without Python objects.
 """
@@ -45,8 +45,8 @@ Bounds: TypeAlias = tuple[Array, Array]
 """Lower and upper corner (3,) of an axis-parallel box, m."""
 
 Currents: TypeAlias = ArrayLike | Mapping[str, float]
-"""Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by name, in which coils
-that are left out carry none."""
+"""Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by name. Coils that are
+not in the mapping carry no current."""
 
 _OF_POINTS = (
     "field",
@@ -63,12 +63,12 @@ _OF_POINTS = (
 """Methods of fields whose first argument is points; they take points of any leading shape."""
 
 STEP = 1e-4
-"""Half the distance of the gradients that are differenced for a second gradient, m."""
+"""Step of the central differences of the gradient for a second gradient, m."""
 
 
 @runtime_checkable
 class MagneticLoad(Protocol):
-    """What a field pulls and turns: `fieldmap.lookup.MagneticBody`, of magnets of finite size and of soft iron."""
+    """A body in a field: `fieldmap.lookup.MagneticBody`, of magnets of finite size and of soft iron."""
 
     def wrench(
         self, field: Any, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
@@ -95,7 +95,7 @@ class MagneticLoad(Protocol):
 
 
 class StateLike(Protocol):
-    """The least that `as_field` makes a field at one set of currents of, such as a solved state of saturating iron."""
+    """Required members of a state at one set of currents for `as_field`, such as a state of saturating iron."""
 
     @property
     def coil_names(self) -> tuple[str, ...]:
@@ -135,7 +135,7 @@ class StateLike(Protocol):
 
 
 class FieldLike(Protocol):
-    """The least that `as_field` makes a `Field` of."""
+    """Required members of an object for `as_field`."""
 
     @property
     def coil_names(self) -> tuple[str, ...]:
@@ -175,7 +175,7 @@ class FieldLike(Protocol):
 
 
 class PairLike(Protocol):
-    """An object that gives flux density and gradient in one pass only: `as_field` makes a `Field` of it as well."""
+    """Required members of an object for `as_field` that only computes flux density and gradient together."""
 
     @property
     def coil_names(self) -> tuple[str, ...]:
@@ -199,11 +199,11 @@ class PairLike(Protocol):
 
 
 AnyField: TypeAlias = FieldLike | PairLike | StateLike
-"""What functions of the package take as a field: a `Field`, what `as_field` makes one of, a state at its currents."""
+"""Arguments that functions of the package accept as a field: a `Field`, or an object for `as_field`."""
 
 
 def _numbers(where: str, points: ArrayLike) -> Array:
-    """Points as an array. Raises InputError for what is none."""
+    """Points as an array. Raises InputError for anything else."""
     try:
         return np.asarray(points, dtype=float)
     except (TypeError, ValueError):
@@ -214,7 +214,7 @@ def _numbers(where: str, points: ArrayLike) -> Array:
 def of_any_shape(method: Callable[..., Any], first: str = "points") -> Callable[..., Any]:
     """Make a method of points (n, 3) or (3,) take points of any leading shape (..., 3).
 
-    Other arguments that have the leading shape of the points, a row for every point, are taken row by row.
+    Other arguments with the leading shape of the points have one row for each point.
 
     Parameters
     ----------
@@ -259,10 +259,10 @@ def of_any_shape(method: Callable[..., Any], first: str = "points") -> Callable[
 
 
 class TakesPoints(ABC):
-    """What fields and fields at fixed currents have in common.
+    """Common base of fields and of fields at fixed currents.
 
-    Methods of every subclass take points of any leading shape. Those that are named in `own_shapes` of the class do so
-    by themselves, where a call of one point must be as quick as it can.
+    Methods of every subclass take points of any leading shape. A method named in the class argument `own_shapes` must
+    do so by itself, which makes a call with one point faster.
     """
 
     def __init_subclass__(cls, own_shapes: tuple[str, ...] = (), **options: Any) -> None:
@@ -274,7 +274,7 @@ class TakesPoints(ABC):
                 setattr(cls, name, of_any_shape(method, first))
 
     def __array__(self, *arguments: Any, **named: Any) -> Array:
-        """Raises InputError: numpy would make an array of one object of it."""
+        """Raises InputError, because numpy would make an array with the field as its only element."""
         must_hold = "a field is a function of points, no array"
         remedy = "ask it at points, field(points, currents); to_xarray(currents) is a map on its nodes"
         raise InputError.of("numpy.asarray", must_hold, type(self).__name__, remedy)
@@ -286,7 +286,7 @@ class TakesPoints(ABC):
 
     @property
     def bounds(self) -> Bounds | None:
-        """The box in which the field holds or is asked for; None where no box is known."""
+        """The box in which the field is valid or is used; None if no box is known."""
         return None
 
     @property
@@ -301,22 +301,21 @@ class TakesPoints(ABC):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What the field rests on."""
+        """Assumptions of the model."""
         return ()
 
     @property
     def reaction(self) -> Reaction | None:
-        """The reaction of the field's iron to magnets, which forces and torques then contain; None where it is not
-        known or left out."""
+        """The reaction of the field's iron to magnets, included in forces and torques; None if unknown or left out."""
         return None
 
     @property
     def has_iron(self) -> bool:
-        """Whether the field is known to be that of iron, too, which magnets magnetise."""
+        """Whether the field is known to have iron, which magnets would magnetise."""
         return False
 
     def outlines(self) -> Sequence[Any]:
-        """What a drawing shows of it (`fieldmap.device.drawing.Outline`): nothing unless a class says otherwise."""
+        """Outlines for drawings (`fieldmap.device.drawing.Outline`); none by default."""
         return ()
 
 
@@ -376,7 +375,7 @@ class Field(TakesPoints):
 
     @property
     def affine(self) -> bool:
-        """Whether the field is that sum and a field that no current changes, or that sum alone."""
+        """Whether the field is the sum of the coils' fields plus a constant field, which may be zero."""
         return self.proportional
 
     def field_and_gradient(self, points: ArrayLike, currents: Any) -> tuple[Array, Array]:
@@ -418,14 +417,14 @@ class Field(TakesPoints):
         Parameters
         ----------
         currents
-            Currents about which the loops go, A.
+            Currents at the centre of the loops, A.
         swing
             Change (n_coils,) of the currents to either side, A.
 
         Returns
         -------
         Field
-            The field; this one if it depends on the present currents alone.
+            The field; this field itself if it depends on the present currents alone.
         """
         return self
 
@@ -472,7 +471,7 @@ class Field(TakesPoints):
     def _of_units(
         self, quantity: Callable[..., Array], constant: Callable[..., Array], points: ArrayLike
     ) -> Array:
-        """A quantity (n, ...) of 1 A in each coil alone, without that of no current: (n, coils, ...)."""
+        """A quantity (n, ...) with 1 A in one coil at a time, less its value without current: (n, coils, ...)."""
         require_affine(self, "unit_field")
         axis = np.ndim(points) - 1
         every = [quantity(points, row) for row in np.eye(len(self.coil_names))]
@@ -514,8 +513,8 @@ class Field(TakesPoints):
     def second_gradient(self, points: ArrayLike, currents: Any) -> Array:
         """Second derivatives of the flux density, by central differences of the gradient.
 
-        The error is O(STEP^2) and O(rounding / STEP), some 1e-6 of it at 0.1 m from the iron. The field must
-        hold a step beyond the points.
+        The error is O(STEP^2) + O(rounding / STEP), about 1e-6 relative at 0.1 m from the iron. The field must be
+        valid one step beyond the points.
 
         Parameters
         ----------
@@ -575,7 +574,7 @@ class Field(TakesPoints):
         Returns
         -------
         FieldAtCurrents
-            The field of points alone.
+            The field as a function of points alone.
         """
         return FixedCurrents(self, np.array(coil_currents(currents, self.coil_names)))
 
@@ -745,7 +744,7 @@ class FixedCurrents(FieldAtCurrents):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What the field rests on."""
+        """Assumptions of the field."""
         return self.source.assumptions
 
     @property
@@ -755,7 +754,7 @@ class FixedCurrents(FieldAtCurrents):
 
     @property
     def has_iron(self) -> bool:
-        """What the field says."""
+        """Whether the field has iron."""
         return self.source.has_iron
 
     def field(self, points: ArrayLike) -> Array:
@@ -775,12 +774,12 @@ class FixedCurrents(FieldAtCurrents):
         return self.source.second_gradient(points, self.currents)
 
     def outlines(self) -> Sequence[Any]:
-        """Those of the field."""
+        """Outlines of the field."""
         return self.source.outlines()
 
 
 class FieldOfStates(Field):
-    """A field that is known by its states, `at(currents)`: what it is asked at currents, the state answers."""
+    """A field that is evaluated from its states: the methods of `at(currents)` compute all quantities."""
 
     @abstractmethod
     def at(self, currents: Any) -> FieldAtCurrents:
@@ -795,7 +794,7 @@ class FieldOfStates(Field):
         return self.at(currents).gradient(points)
 
     def field_and_gradient(self, points: ArrayLike, currents: Any) -> tuple[Array, Array]:
-        """Both, of the state at these currents."""
+        """B and dB_i/dx_j of the state at these currents."""
         return self.at(currents).field_and_gradient(points)
 
     def second_gradient(self, points: ArrayLike, currents: Any) -> Array:
@@ -804,8 +803,8 @@ class FieldOfStates(Field):
 
 
 class CompletedField(Field):
-    """An object with `coil_names`, `field` and `gradient` (or `field_and_gradient` in their place), and what else it
-    has, completed to a `Field`; with a box of its own where `bounds` is given."""
+    """A `Field` made of an object for `as_field`, which may have further members of `Field`. bounds: replaces the box
+    of the object."""
 
     def __init__(self, source: Any, bounds: Bounds | None = None) -> None:
         self.source = source
@@ -818,7 +817,7 @@ class CompletedField(Field):
 
     @property
     def bounds(self) -> Bounds | None:
-        """The given box, or that of the object."""
+        """The given box, or the box of the object."""
         if self._bounds is not None:
             return self._bounds
         if hasattr(self.source, "bounds"):
@@ -829,27 +828,27 @@ class CompletedField(Field):
 
     @property
     def proportional(self) -> bool:
-        """What the object says; otherwise False."""
+        """The object's own value; otherwise False."""
         return bool(getattr(self.source, "proportional", False))
 
     @property
     def affine(self) -> bool:
-        """What the object says; otherwise whether it is proportional."""
+        """The object's own value; otherwise `proportional`."""
         return bool(getattr(self.source, "affine", self.proportional))
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What the object says; otherwise none."""
+        """The object's own assumptions; otherwise none."""
         return tuple(getattr(self.source, "assumptions", ()))
 
     @property
     def reaction(self) -> Reaction | None:
-        """What the object says; otherwise none."""
+        """The object's own reaction; otherwise None."""
         return getattr(self.source, "reaction", None)
 
     @property
     def has_iron(self) -> bool:
-        """What the object says; otherwise False."""
+        """The object's own value; otherwise False."""
         return bool(getattr(self.source, "has_iron", False))
 
     def field(self, points: ArrayLike, currents: Any) -> Array:
@@ -863,13 +862,13 @@ class CompletedField(Field):
         return np.asarray(self._pair(points, currents)[1] if own is None else own(points, currents))
 
     def field_and_gradient(self, points: ArrayLike, currents: Any) -> tuple[Array, Array]:
-        """The object's own; otherwise one after the other."""
+        """The object's own method; otherwise `field` and `gradient`."""
         if hasattr(self.source, "field_and_gradient"):
             return self._pair(points, currents)
         return super().field_and_gradient(points, currents)
 
     def gradient_jump(self, currents: Array) -> float:
-        """What the object says; otherwise 0."""
+        """The object's own value; otherwise 0."""
         own = getattr(self.source, "gradient_jump", None)
         return 0.0 if own is None else float(own(currents))
 
@@ -884,7 +883,7 @@ class CompletedField(Field):
 
 
 class CompletedState(FieldAtCurrents):
-    """An object with `coil_names`, `currents`, `field` and `gradient`, and what else it has, completed."""
+    """A `FieldAtCurrents` made of an object with `coil_names`, `currents`, `field` and `gradient`."""
 
     def __init__(self, source: Any) -> None:
         self.source = source
@@ -902,7 +901,7 @@ class CompletedState(FieldAtCurrents):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What the object says; otherwise none."""
+        """The object's own assumptions; otherwise none."""
         return tuple(getattr(self.source, "assumptions", ()))
 
     def field(self, points: ArrayLike) -> Array:
@@ -920,10 +919,10 @@ class CompletedState(FieldAtCurrents):
 
 
 class StateField(FieldOfStates):
-    """A field that is known at one set of currents only, such as a solved state of saturating iron, as a `Field`.
+    """A `Field` that is known at one set of currents only, such as a solved state of saturating iron.
 
-    state: a `FieldAtCurrents`, or what `CompletedState` makes one of. Other currents than those of the state raise
-    InputError: such a field does not superpose.
+    state: a `FieldAtCurrents`, or an object for `CompletedState`. Other currents than the state's raise InputError,
+    because the field does not superpose.
     """
 
     def __init__(self, state: Any, bounds: Bounds | None = None) -> None:
@@ -942,7 +941,7 @@ class StateField(FieldOfStates):
 
     @property
     def bounds(self) -> Bounds | None:
-        """The given box, or that of the state."""
+        """The given box, or the box of the state."""
         return self._bounds if self._bounds is not None else self.state.bounds
 
     @property
@@ -952,16 +951,16 @@ class StateField(FieldOfStates):
 
     @property
     def has_iron(self) -> bool:
-        """What the state says."""
+        """Whether the state has iron."""
         return self.state.has_iron
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What the state says; otherwise none."""
+        """Assumptions of the state."""
         return self.state.assumptions
 
     def at(self, currents: Any) -> FieldAtCurrents:
-        """The state, if these are its currents. Raises InputError for others."""
+        """The state, if these are its currents. Raises InputError for other currents."""
         if not np.array_equal(coil_currents(currents, self.coil_names), self.currents):
             must_hold = "must be the currents of the state: saturating iron does not superpose"
             received = f"{np.asarray(currents).tolist()}, while the state holds {self.currents.tolist()}"
@@ -970,16 +969,15 @@ class StateField(FieldOfStates):
 
 
 def as_field(source: AnyField, bounds: Bounds | None = None) -> Field:
-    """The object itself if it is a `Field` and no other box is asked for; otherwise a `Field` made of it.
+    """Return the object itself if it is a `Field` and no other box is given; otherwise make a `Field` of it.
 
     Parameters
     ----------
     source
-        Anything with `coil_names`, `field(points, currents)` and `gradient(points, currents)`, or
-        `field_and_gradient(points, currents)` in the place of the two; `second_gradient`, `bounds` (or
-        `lower` and `upper`), `proportional` and `assumptions` are used where it has them. Or a state that
-        knows its `currents`, with `field(points)` and `gradient(points)`: a field that holds at these
-        currents.
+        An object with `coil_names`, `field(points, currents)` and `gradient(points, currents)`, or with
+        `field_and_gradient(points, currents)` instead of these two methods. `second_gradient`, `bounds` (or `lower`
+        and `upper`), `proportional` and `assumptions` are used if the object has them. Or a state with `currents`,
+        `field(points)` and `gradient(points)`; the field is then valid at these currents only.
     bounds
         Lower and upper corner (3,) of the box, m; the source's own unless given.
 
@@ -991,7 +989,7 @@ def as_field(source: AnyField, bounds: Bounds | None = None) -> Field:
     Raises
     ------
     InputError
-        For an object that lacks one of these.
+        For an object without the required members.
 
     Examples
     --------
@@ -1022,14 +1020,14 @@ def as_field(source: AnyField, bounds: Bounds | None = None) -> Field:
 
 
 def resolve_currents(source: AnyField, currents: Any) -> tuple[Field, Array]:
-    """The field, and the currents at which it is asked.
+    """The field, and the currents at which to evaluate it.
 
     Parameters
     ----------
     source
-        A field, or what `as_field` makes one of.
+        A field, or an object for `as_field`.
     currents
-        Currents as for `Field.field`; those of a state unless given.
+        Currents as for `Field.field`; None for the currents of a state.
 
     Returns
     -------
@@ -1039,7 +1037,7 @@ def resolve_currents(source: AnyField, currents: Any) -> tuple[Field, Array]:
     Raises
     ------
     InputError
-        For what is no field, for currents that do not fit, and for none where the field needs some.
+        For an object that is not a field, for currents that do not fit, and for None if the field is not a state.
     """
     field = as_field(source)
     if currents is None:
@@ -1090,7 +1088,7 @@ def require_affine(source: Field, what: str) -> None:
     source
         The field.
     what
-        Who asks; begins the message.
+        Name of the caller, at the beginning of the message.
 
     Raises
     ------
@@ -1111,12 +1109,12 @@ def coil_currents(
     Parameters
     ----------
     currents
-        Currents, A: an array, one number for all coils, or a mapping by coil name, in which coils that are
-        left out carry none.
+        Currents, A: an array, one number for all coils, or a mapping by coil name. Coils that are not in the
+        mapping carry no current.
     coil_names
         Names in the order of the currents.
     points
-        How many points there are, where currents (points, n_coils) are welcome too.
+        Number of points, if currents (points, n_coils) are accepted too.
     finite
         Whether NaN and infinity are refused.
 
@@ -1140,11 +1138,11 @@ def coil_currents(
     count = len(coil_names)
     if isinstance(currents, Mapping):
         values = _by_name(currents, coil_names)
-    elif currents is None:  # NaN to numpy
+    elif currents is None:  # numpy would turn None into NaN
         raise InputError(_wrong(coil_names, points, "none"))
     else:
         try:
-            # Writeable too: compiled code would have to be compiled again for a read-only array.
+            # Writeable, because numba would compile its kernels again for a read-only array.
             values = np.require(currents, np.float64, ["C", "W"])
         except (TypeError, ValueError, MemoryError):
             raise InputError(_wrong(coil_names, points, repr(currents)[:80])) from None
@@ -1179,9 +1177,8 @@ def _wrong(coil_names: tuple[str, ...], points: int | None, received: str) -> Pr
 def dipole_wrench(flux: Array, slope: Array, moments: ArrayLike) -> Array:
     """Force and torque on point dipoles in a field and its gradient.
 
-    T = m x B and F = grad(m . B) = (grad B)^T m, docs/theory/wrench.md (1) and (2) for a point. F is (m .
-    grad) B where B is curl-free, and is conservative for a fixed moment even if the interpolant is not quite
-    so.
+    T = m x B and F = grad(m . B) = (grad B)^T m, docs/theory/wrench.md (1) and (2) for a point. F equals
+    (m . grad) B where B is curl-free. For a fixed moment F is conservative even if an interpolated B has some curl.
 
     Parameters
     ----------
@@ -1213,7 +1210,7 @@ def refuse_orientations(orientations: ArrayLike | None) -> None:
     Parameters
     ----------
     orientations
-        What the caller was given.
+        The orientations that the caller was given.
 
     Raises
     ------
@@ -1256,7 +1253,7 @@ def differenced(gradient: Any, points: ArrayLike, step: float = STEP) -> Array:
     points
         Positions (3,) or (n, 3), m.
     step
-        Half the distance of the differences, m.
+        Step h of the differences (g(x + h) - g(x - h)) / (2 h), m.
 
     Returns
     -------

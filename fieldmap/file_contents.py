@@ -1,4 +1,4 @@
-"""What a file holds: its text, or in words what it seems to be."""
+"""The text of a file, and a description of its content for messages."""
 
 import codecs
 import re
@@ -19,13 +19,13 @@ _KINDS = (
 
 
 def head_of(path: PathLike) -> bytes:
-    """The first bytes of a file, sixteen million at most. Raises OSError."""
+    """The first 16 MiB of a file. Raises OSError."""
     with Path(path).open("rb") as stream:
         return stream.read(_HEAD)
 
 
 def file_in_words(path: PathLike) -> str:
-    """What a file seems to be: by its first bytes, and of a text its first line.
+    """Describe the kind of a file by its first bytes, and a text by its first line.
 
     Parameters
     ----------
@@ -51,33 +51,34 @@ def _in_words(head: bytes) -> str:
         if re.search(pattern, head):
             return words
     text = head.decode("utf-16" if head.startswith(_UTF_16) else "utf-8", "replace")
-    return f"a text that begins with {text.lstrip(chr(0xFEFF)).splitlines()[0].strip()[:40]!r}"
+    lines = text.lstrip(chr(0xFEFF)).splitlines()
+    return f"a text that begins with {lines[0].strip()[:40]!r}" if lines else "a file without a text"
 
 
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 def read_text(path: PathLike, error: type[InputError] = InputError, otherwise: str = "") -> str:
-    """The text of a file in UTF-8, or in UTF-16 that begins with its mark; line ends are those of the file.
+    """The text of a file in UTF-8, or in UTF-16 with a byte order mark (BOM). Line ends stay as they are.
 
     Parameters
     ----------
     path
         The file.
     error
-        What is raised.
+        Class of the error.
     otherwise
-        Encoding of a text that is neither, such as "latin-1"; none unless given.
+        Encoding of a text that is not UTF-8, such as "latin-1"; none by default.
 
     Returns
     -------
     str
-        The text, without the mark at its beginning (BOM).
+        The text without the BOM.
 
     Raises
     ------
     InputError
-        For a file that cannot be read or is no such text.
+        For a file that cannot be read or decoded.
     """
     try:
         content = Path(path).read_bytes()

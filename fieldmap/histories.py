@@ -1,4 +1,4 @@
-"""Histories of iron with hysteresis: currents from where it never was magnetised to where a use begins.
+"""Current histories of iron with hysteresis, from the virgin state to the beginning of its use.
 
 Depends on: arguments, numpy.
 """
@@ -11,18 +11,18 @@ from fieldmap.typing import Array
 HISTORIES = ("shaken", "demagnetised")
 """Names, the usual one first."""
 SWINGS = np.array([-1.0, 1.0, -0.7, 0.7, -0.4, 0.4, -0.2, 0.2, -0.07, 0.0])
-"""Of the history "shaken": currents less their level, over the level, from turn to turn."""
+"""Turning points of the history "shaken": (current - level) / level."""
 
 
 def history_of_currents(history: str, level: Array) -> Array:
-    """Currents at which the path of a history turns.
+    """Currents at the turning points of a history.
 
     Parameters
     ----------
     history
         "demagnetised": iron that was never magnetised, without currents. "shaken": demagnetised, then all currents
-        swing about a level, from zero to twice the level and less and less, as those of a controller that catches its
-        magnet.
+        swing about a level, first from zero to twice the level and then less and less, as when a controller catches
+        its magnet.
     level
         Currents (c,) at which the history ends, A.
 
@@ -34,7 +34,7 @@ def history_of_currents(history: str, level: Array) -> Array:
     Raises
     ------
     InputError
-        For a history that is not known.
+        For an unknown history.
 
     Examples
     --------

@@ -17,7 +17,7 @@ with needs("make", "models of magpylib"):
 
 
 class AtCurrents(Protocol):
-    """What is asked of a field at fixed currents, see `fieldmap.field.FieldAtCurrents`."""
+    """Required members of a field at fixed currents, see `fieldmap.field.FieldAtCurrents`."""
 
     @property
     def currents(self) -> Array:
@@ -28,18 +28,18 @@ class AtCurrents(Protocol):
 
 
 Outlines = Callable[[], Sequence[Any]]
-"""Makes what a drawing shows, a sequence of `fieldmap.device.drawing.Outline`."""
+"""Returns the outlines for a drawing, `fieldmap.device.drawing.Outline`."""
 
 _COLOURS = {"iron": "#9aa5b1", "coil": "#d08b5b", "magnet": "#7a9e7e", "map": "#4c72b0"}
 
 
 class FieldSource(magpylib.misc.CustomSource):
-    """A field as a magpylib source: getB, getH, getJ, getM and getFT of it, alone or with other sources; `show` draws
+    """A field as a magpylib source. getB, getH, getJ, getM and getFT take it, alone or with other sources; `show` draws
     its iron, windings or box.
 
     field: at fixed currents. domain: lower and upper corner (3,), m, of the box in which it holds, NaN outside; None
-    for all space. outlines: makes what `show` draws, asked on the first drawing. position, orientation, style: as of
-    every magpylib object, paths included; the field moves and turns with the source. B is `field.field`, to rounding;
+    for all space. outlines: called by the first `show`. position, orientation, style: as for every magpylib object,
+    paths included; the field moves and turns with the source. B is `field.field`, to rounding;
     J is `field.polarisation`, zero where the field has none; H = (B - J) / mu0. Copies of a source share its field.
 
     >>> import fieldmap as fm
@@ -76,12 +76,12 @@ class FieldSource(magpylib.misc.CustomSource):
 
     @property  # type: ignore[misc]
     def field_func(self) -> Callable[[str, Array], Array]:
-        """What magpylib calls. It is fixed, so that magpylib need not try it at points of its own choice."""
+        """The function that magpylib calls. There is no setter, in which magpylib would test it at its own points."""
         return self._shared.evaluate
 
     @property
     def style(self) -> Any:
-        """Of the drawing, as of every magpylib object, with the outlines as its 3D model."""
+        """Style of the drawing, as for every magpylib object, with the outlines as its 3D model."""
         style = super().style
         if not self._drawn:
             self._drawn = True
@@ -99,7 +99,7 @@ class FieldSource(magpylib.misc.CustomSource):
 
 
 class _Shared:
-    """What copies of a source have in common: solutions and maps are large and never change."""
+    """Data that copies of a source share, because solutions and maps are large and never change."""
 
     def __init__(self, field: AtCurrents, domain: tuple[Array, Array] | None, outlines: Outlines) -> None:
         self.field, self.domain, self.outlines = field, domain, outlines

@@ -1,6 +1,6 @@
-"""Results as plain Python: what JSON, TOML and other programs take.
+"""Results as plain Python, for JSON, TOML and other programs.
 
-Results of the package have `to_dict()`; numbers there are in SI units, unless the key names another one.
+Results of the package have `to_dict()`, with numbers in SI units unless the key names another unit.
 """
 
 import dataclasses
@@ -11,11 +11,11 @@ from typing import Protocol, TypeAlias
 import numpy as np
 
 Plain: TypeAlias = bool | int | float | str | list["Plain"] | dict[str, "Plain"] | None
-"""What JSON knows."""
+"""Values that JSON can hold."""
 
 
 class Result(Protocol):
-    """What a command or a program may ask of any result."""
+    """Interface of every result."""
 
     def to_dict(self) -> dict[str, Plain]:
         """The result as plain Python."""

@@ -1,8 +1,8 @@
-"""Progress on stderr: a bar on a terminal, a line with its time now and then elsewhere.
+"""Progress on stderr: a bar on a terminal, elsewhere a line with the time of day every ten seconds or more.
 
-Both tell what is done, its rate and the number of workers where there are more than one (`Forecast`), the share that is
-done, the time that was spent and is left, and the memory of this process with its peak. A time left is told where the
-share is one of the time (`timed`); a run that compiles kernels has no time that others have.
+Both show the present work with its rate and the number of workers (`Forecast`), the share that is done, the time spent
+and left, and the memory of this process with its peak. The time left is shown only if the share is a share of time
+(`timed`) and no kernels are compiled, because compilation makes the run untypical.
 """
 
 import logging
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger("fieldmap")
 _LINE_EVERY_SECONDS = 10.0
-# Of work that takes long, lines come after this share of the time that it has taken: a night's log can be read.
+# Lines are also at least this share of the time spent apart, so that the log of a night stays short.
 _LINE_EVERY_SHARE = 0.01
-# A time left is told once this share of the run is over.
+# The time left is shown once this share of the run is over.
 _TOLD_FROM = 0.05
-# Of a stage without pieces that takes longer than was expected of it, this share of what it has taken is still to come.
+# Least time left of an unfinished stage, as a share of the time since its last progress.
 _MORE = 0.1
 _ENTERED: "list[Progress]" = []
-"""One within the other."""
+"""Nested displays, outermost first."""
 
 
 class Progress:
@@ -39,9 +39,8 @@ class Progress:
     with Progress("solving") as progress:
         solve_linear(device, progress=progress)
 
-    Nothing is shown while `shown` is False (`fieldmap --quiet`). Of several, one within the other, the innermost prints
-    lines: a search tells how far it is, not each solve in it. compiles: whether a first run waits for kernels to be
-    compiled. timed: whether the share that is done is a share of the time.
+    Nothing is shown while `shown` is False (`fieldmap --quiet`). Of nested displays only the innermost prints lines.
+    compiles: whether a first run compiles kernels. timed: whether the share that is done is a share of the time.
     """
 
     shown = True
@@ -111,13 +110,12 @@ class Progress:
 
 
 class Forecast:
-    """Tells how far a run is, whose stages come one after the other.
+    """Estimates the progress of a run with successive stages.
 
-    The share that it tells is that of the time: what has passed, over that and what is left. It falls where more is to
-    be done than it seemed.
+    The reported share is time passed / (time passed + time left). It falls when more work than expected appears.
 
-    stages: work expected of each, in their order, in seconds of some machine. What is left takes its work times the
-    pace of this machine, which shows in what was done. workers: how many processes there are.
+    stages: expected work of each stage, in order, in seconds on a reference machine. The time left is the remaining
+    work times the pace of this machine, which is measured on the work done. workers: returns the number of processes.
     """
 
     def __init__(
@@ -131,24 +129,24 @@ class Forecast:
         self._began = self._stage_began = time.monotonic()
         self._stage, self._anew = "", False
         self._begun: set[str] = set()
-        # From the first stage on. The work that shows the pace: since when, how much is over, and when its last was.
+        # The pace is (_last - _since) / _over: the time until the last progress over the work done in it.
         self._since = self._last = self._began
         self._over = 0.0
 
     def expect(self, stage: str, work: float) -> None:
-        """Set all the work of a stage.
+        """Set the total work of a stage.
 
         Parameters
         ----------
         stage
             Its name.
         work
-            Seconds, as those of `stages`.
+            Seconds as in `stages`.
         """
         self._work[stage] = work
 
     def expected(self, stage: str) -> float:
-        """All the work that is expected of a stage, in the seconds of `stages`."""
+        """Total work expected of a stage, in the seconds of `stages`."""
         return self._work[stage]
 
     def taken(self) -> float:
@@ -156,20 +154,20 @@ class Forecast:
         return time.monotonic() - self._stage_began
 
     def afresh(self, seconds: float) -> None:
-        """Forget the pace, of which what is over says nothing.
+        """Forget the measured pace, because later work has another one.
 
         Parameters
         ----------
         seconds
-            As if so much work had taken as long as expected: what is loaded on the way is no measure of the pace.
+            Work that counts as done at the expected pace, so that the time to load libraries weighs little.
         """
         self._last = time.monotonic()
         self._since, self._over = self._last - seconds, seconds
 
     def at(self, stage: str, message: str, done: float = 0.0, count: float = 1.0) -> None:
-        """Tell that `done` of `count` equal parts of a stage's work are done; the stage before it is over.
+        """Report that `done` of `count` equal parts of a stage's work are done. The previous stage is then complete.
 
-        A stage that begins again after its end is done anew, and all that come after it.
+        A stage that begins a second time starts from zero, and so do all later stages.
         """
         now, whole = time.monotonic(), self._work[stage]
         work = whole * min(done / count, 1.0)
@@ -183,19 +181,19 @@ class Forecast:
             self._count(work - self._done[stage], now)
         self._anew = False
         self._done[stage] = work
-        # Time since some work was done goes off what that stage is expected to take, but never all of it.
+        # The time since the last progress reduces the time left of this stage, but never to zero.
         pace = (self._last - self._since) / self._over if self._over > 0.0 else 1.0
         since = now - max(self._stage_began, self._last)
         own = max((whole - work) * pace - since, _MORE * since) if work < whole or not whole else 0.0
         others = sum(of - self._done[name] for name, of in self._work.items() if name != stage)
         left = own + pace * others
-        # As long as nothing is expected, nothing is known.
+        # The share is 0 as long as no work is expected.
         run, processes = now - self._began, self._workers()
         share = run / (run + left) if run > 0.0 and any(self._work.values()) else 0.0
         self._say(f"{message}, {processes} workers" if processes > 1 else message, share)
 
     def note(self, message: str) -> None:
-        """Tell something that is no progress."""
+        """Show a message without progress."""
         if self._stage:
             self.at(self._stage, message, self._done[self._stage], self._work[self._stage] or 1.0)
         else:
@@ -210,7 +208,7 @@ class Forecast:
             for name in names[names.index(stage) :]:
                 self._done[name] = 0.0
         self._begun.add(stage)
-        # What a stage has done when it begins took no time of this run.
+        # Work that a stage reports when it begins took no time of this run.
         self._stage, self._stage_began, self._anew = stage, now, True
 
     def _count(self, work: float, now: float) -> None:
@@ -220,7 +218,7 @@ class Forecast:
 
 
 def rate(done: float, seconds: float, unit: str) -> str:
-    """How quickly work goes on, to be added to a message; "" at the beginning.
+    """The rate of work, to be added to a message; "" at the beginning.
 
     >>> rate(3, 12.0, "state"), rate(8, 2.0, "map"), rate(0, 2.0, "map")
     (', 4.0 s a state', ', 4.0 maps/s', '')
@@ -236,8 +234,8 @@ def rate(done: float, seconds: float, unit: str) -> str:
 def shown_or_silent(
     title: str, progress: Callable[[str, float], None] | bool | None, timed: bool = False
 ) -> AbstractContextManager[Callable[[str, float], None]]:
-    """What a function calls as progress(message, fraction), as a context: `progress` itself, a `Progress` for True, one
-    on a terminal for None, and nothing for False.
+    """Context that gives a function progress(message, fraction): `progress` itself if callable, a `Progress` for True,
+    a `Progress` on a terminal only for None, and a function that shows nothing for False.
 
     >>> with shown_or_silent("map", False) as say:
     ...     say("solving", 0.5)
@@ -277,7 +275,7 @@ def _bar() -> "RichProgress":
 
 
 def memory() -> str:
-    """What this process has, and the most that it has had, in words; "" without the extra `cli`."""
+    """Present and peak memory of this process as text; "" without the extra `cli`."""
     try:
         import psutil
     except ImportError:
@@ -288,13 +286,13 @@ def memory() -> str:
 
 
 def peak_memory() -> int | None:
-    """The most memory, in bytes, that this process has had so far; None on Windows."""
+    """Peak memory of this process so far, bytes; None on Windows."""
     try:
         import resource
     except ImportError:
         return None
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    # In kibibytes but for macOS.
+    # macOS gives bytes, other systems kibibytes.
     return most if sys.platform == "darwin" else 1024 * most
 
 

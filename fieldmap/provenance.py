@@ -1,7 +1,7 @@
-"""What decides computed numbers, as one fingerprint: settings, the package's own code, and its libraries.
+"""A fingerprint of everything that decides computed numbers: settings, the package's own code, and its libraries.
 
-Results that are cached (solved states, rows of a study, parts of a report) are taken up again only under the
-fingerprint that they were made with. A version number would not do: it does not change with every correction.
+Cached results (solved states, rows of a study, parts of a report) are reused only if their fingerprint is unchanged. A
+version number is not enough, because it does not change with every correction.
 """
 
 import hashlib
@@ -24,7 +24,7 @@ def library_versions(*more: str) -> dict[str, str]:
 
 @cache
 def _installed(name: str) -> str:
-    """Version of a distribution. Asked once: its metadata are read and parsed."""
+    """Version of a distribution, cached because its metadata must be read and parsed."""
     try:
         return version(name)
     except PackageNotFoundError:

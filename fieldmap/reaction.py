@@ -1,9 +1,9 @@
-"""The iron's reaction to magnets: the field that iron makes because they magnetise it (docs/theory/reaction.md).
+"""The iron's reaction to magnets: the field of iron that the magnets magnetise (docs/theory/reaction.md).
 
     w_k = sum m . b_k(x),   B = sum_k s_k w_k b_k,   energy -1/2 sum_k s_k w_k^2                         (1), (2), (3)
 
-over the dipoles m at x that move together. A field that knows the reaction of its iron has it as `reaction`; what asks
-it for forces then gets those of the reaction, too.
+with sums over the dipoles m at x that move together. A field with a known reaction of its iron has it as `reaction`,
+and its forces on magnets include the reaction.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy as np
 
 from fieldmap.typing import Array
 
-# To moments that lie along the field: far more than it takes, unless the iron's field and that of others nearly cancel.
+# Limit of the iteration for aligned moments. Far fewer steps suffice unless reaction and external field nearly cancel.
 _MOST_STEPS = 300
 IN_WORDS = "the iron's reaction to the magnets"
-"""Begins what results say of it: "in", with how large it is, or "left out"."""
+"""Beginning of lines in results, which go on with "in" and the size of the reaction, or with "left out"."""
 
 
 class Reaction(Protocol):
@@ -57,17 +57,17 @@ class Reaction(Protocol):
 
 
 def signs_of(count: int, repelled: int) -> Array:
-    """Signs (count,) of fields of which the last `repelled` count negatively."""
+    """Signs (count,): -1 for the last `repelled` fields, 1 for the others."""
     return np.where(np.arange(count) < count - repelled, 1.0, -1.0)
 
 
 def own_reaction(reaction: Reaction, points: Array, moments: Array) -> tuple[Array, Array]:
-    """The reaction to single dipoles at the places of these dipoles.
+    """The reaction to each of several single dipoles at the position of that dipole.
 
     Parameters
     ----------
     reaction
-        Of the iron.
+        Reaction of the iron.
     points
         Positions (n, 3), m.
     moments
@@ -76,7 +76,7 @@ def own_reaction(reaction: Reaction, points: Array, moments: Array) -> tuple[Arr
     Returns
     -------
     tuple[Array, Array]
-        B (n, 3), T, and gradient (n, 3, 3), T/m: of the reaction to each dipole alone, which stays as it is.
+        B (n, 3), T, and its gradient (n, 3, 3), T/m, with the magnetisation of the iron held fixed.
     """
     flux, slope = reaction.fields(points)
     weights = reaction.signs[:, None] * np.einsum("kni,ni->kn", flux, np.broadcast_to(moments, points.shape))
@@ -84,12 +84,12 @@ def own_reaction(reaction: Reaction, points: Array, moments: Array) -> tuple[Arr
 
 
 def own_force(reaction: Reaction, points: Array, moments: Array) -> Array:
-    """The force of the reaction to bodies of dipoles on these bodies.
+    """Force on bodies of dipoles, each from the reaction of the iron to that body.
 
     Parameters
     ----------
     reaction
-        Of the iron.
+        Reaction of the iron.
     points
         Positions (n, q, 3) of the q dipoles of n bodies, m.
     moments
@@ -108,25 +108,25 @@ def own_force(reaction: Reaction, points: Array, moments: Array) -> Array:
 
 
 def aligned_moments(reaction: Reaction | None, points: Array, flux: Array, magnitude: float) -> Array:
-    """Moments of single dipoles that lie along the field of others and of the reaction to them: m || B + A m.
+    """Moments of single dipoles along the sum of the external field and of the reaction to the dipole: m || B + A m.
 
-    From the field of others in steps each of which lowers the energy -m . B - m . A m / 2.
+    The iteration starts along the external field. Each step lowers the energy -m . B - m . A m / 2.
 
     Parameters
     ----------
     reaction
-        Of the iron; none that it magnetises unless given.
+        Reaction of the iron; None without one.
     points
         Positions (n, 3), m.
     flux
-        Flux density (n, 3), T, of others.
+        External flux density (n, 3), T.
     magnitude
-        Of the moments, A m^2.
+        Magnitude of the moments, A m^2.
 
     Returns
     -------
     Array
-        Moments (n, 3), A m^2; zero where the field of others is: a dipole has no direction there.
+        Moments (n, 3), A m^2; zero where the external field is zero, because the direction is undefined there.
     """
 
     def along(field: Array) -> Array:
@@ -137,7 +137,7 @@ def aligned_moments(reaction: Reaction | None, points: Array, flux: Array, magni
     if reaction is None:
         return moments
     fields, signs = reaction.fields(points)[0], reaction.signs
-    # What repels is made up for along the moment itself, where it turns nothing: then no step overshoots.
+    # A multiple of the moment makes A positive semidefinite. It does not turn the moment, and no step overshoots.
     repelled = np.einsum("k,kni,kni->n", np.minimum(signs, 0.0), fields, fields)
     for _ in range(_MOST_STEPS):
         weights = signs[:, None] * np.einsum("kni,ni->kn", fields, moments)
@@ -149,12 +149,12 @@ def aligned_moments(reaction: Reaction | None, points: Array, flux: Array, magni
 
 
 def reaction_at_dipole(reaction: Reaction, point: Array, moment: Array) -> tuple[Array, Array, Array]:
-    """The reaction to a dipole at its own place.
+    """The reaction to a dipole at the position of the dipole.
 
     Parameters
     ----------
     reaction
-        Of the iron.
+        Reaction of the iron.
     point
         Position (3,), m.
     moment
@@ -163,7 +163,7 @@ def reaction_at_dipole(reaction: Reaction, point: Array, moment: Array) -> tuple
     Returns
     -------
     tuple[Array, Array, Array]
-        A m (3,), T; A (3, 3), T/(A m^2); and d(A m)_i/dx_l (3, 3), T/m, where dipole and place move together.
+        A m (3,), T; A (3, 3), T/(A m^2); and d(A m)_i/dx_l (3, 3), T/m, as the dipole moves.
     """
     b, slope = (values[:, 0] for values in reaction.fields(point[None, :]))
     matrix = np.einsum("k,ki,kj->ij", reaction.signs, b, b)
@@ -173,18 +173,18 @@ def reaction_at_dipole(reaction: Reaction, point: Array, moment: Array) -> tuple
 
 
 def own_slopes(reaction: Reaction, point: Array, moment: Array, turning: Array) -> Array:
-    """Derivatives by the place of the force of the reaction to a dipole on this dipole: (4) with a moment that follows.
+    """Derivatives by position of a dipole's force from the reaction to that dipole: (4) with a moment that turns.
 
     Parameters
     ----------
     reaction
-        Of the iron.
+        Reaction of the iron.
     point
         Position (3,), m.
     moment
         Moment (3,), A m^2.
     turning
-        dm_i/dx_j (3, 3), A m, zero for a moment that is fixed.
+        dm_i/dx_j (3, 3), A m; zero for a fixed moment.
 
     Returns
     -------

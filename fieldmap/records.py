@@ -1,5 +1,5 @@
-"""What the data objects and results of the package have in common: one line as text, a card in notebooks, plain Python,
-and mappings that nobody changes by accident and that can be pickled."""
+"""Base of data objects and results: one line as text, a card in notebooks, plain Python; and a frozen dict that can be
+pickled."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ import numpy as np
 from fieldmap.plain import Plain, plain
 
 LONGEST = 400
-"""Characters of the text of an object."""
+"""Largest number of characters in the text of an object."""
 _LONGEST_VALUE = 80
 _MOST_NUMBERS = 9
 
@@ -36,9 +36,9 @@ class FrozenDict(dict[Key, Value]):
 
 
 class Record:
-    """Base of frozen data classes that people see: `repr` in one line, an HTML card, `to_dict`.
+    """Base of frozen data classes that users see: `repr` in one line, an HTML card, `to_dict`.
 
-    The data class is made with `repr=False`.
+    Declare the data class with `repr=False`.
 
     >>> @dataclasses.dataclass(frozen=True, repr=False)
     ... class Place(Record):
@@ -48,7 +48,7 @@ class Record:
     Place(name='far', points=array (1000, 3))
     """
 
-    # What `dataclasses` asks for: every class that derives from this one is a data class.
+    # Tells type checkers that every subclass is a data class.
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
 
     def __repr__(self) -> str:
@@ -64,7 +64,7 @@ class Record:
 
 
 def card(title: str, rows: Mapping[str, str], picture: str = "") -> str:
-    """An HTML table for notebooks: what a thing is, line by line, and a picture below."""
+    """An HTML table for notebooks, with one line for each name and text, and a picture below."""
     cells = "".join(
         f"<tr><th style='text-align:left'>{escape(name)}</th>"
         f"<td style='text-align:left'>{escape(text)}</td></tr>"
@@ -89,7 +89,7 @@ def count_of(number: int, singular: str, plural: str) -> str:
 
 
 def tuple_line(named: Any) -> str:
-    """A named tuple in one line, as `one_line` has data classes.
+    """A named tuple in one line, in the style of `one_line`.
 
     >>> from typing import NamedTuple
     >>> class Gains(NamedTuple):
@@ -109,7 +109,7 @@ def shortened(text: str, longest: int = LONGEST) -> str:
 
 
 def _shown(record: object) -> list[tuple[str, str]]:
-    """Names and short texts of the fields, those left out that are at their defaults."""
+    """Names and short texts of the fields that differ from their defaults."""
     shown = []
     for field in dataclasses.fields(record):  # type: ignore[arg-type]
         value = getattr(record, field.name)

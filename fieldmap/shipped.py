@@ -20,7 +20,7 @@ def shipped_folder(kind: str) -> Path:
 
 
 def is_file(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is at a path that somebody wrote; False where it can be none: too long, or out of reach.
+    """Whether a path is a file; False also for a path that is invalid, too long or not accessible.
 
     >>> is_file(__file__), is_file("x" * 5000), is_file("no\\x00name")
     (True, False, False)
@@ -40,6 +40,19 @@ def shipped_file(kind: str, name: str) -> Path | None:
         if is_file(candidate) and candidate.resolve().is_relative_to(folder):
             return candidate
     return None
+
+
+def shipped_alone(
+    kind: str, name: str | os.PathLike[str], subfolder: str = "", ending: str = ".toml"
+) -> Path | None:
+    """The shipped file of a name alone, which has neither a folder nor an ending; None for every other name.
+
+    >>> shipped_alone("geometry", "drive_unit").name, shipped_alone("geometry", "./drive_unit")
+    ('drive_unit.toml', None)
+    """
+    text = os.fspath(name)
+    alone = Path(text).name == text
+    return shipped_file(kind, str(Path(subfolder) / f"{text}{ending}")) if alone else None
 
 
 def shipped_names(kind: str, subfolder: str = "") -> list[str]:

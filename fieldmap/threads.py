@@ -14,7 +14,7 @@ from typing import Any
 
 _own = threading.local()
 _LEAST_WORK = 20_000
-"""Least work of one thread, in units of about five nanoseconds: for less it does not pay to wake it."""
+"""Least work of one thread, in units of about five nanoseconds: waking a thread for less does not pay."""
 # More pieces than threads: a thread that is slow leaves the remaining pieces to the others.
 _PIECES_PER_THREAD = 4
 

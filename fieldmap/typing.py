@@ -11,10 +11,10 @@ Array: TypeAlias = NDArray[np.float64]
 """An array of float64."""
 
 PathLike: TypeAlias = str | os.PathLike[str]
-"""A file by its name."""
+"""Path of a file."""
 
 Progress: TypeAlias = Callable[[str, float], None]
-"""progress(message, fraction): what is being done, and how much of the work is done, 0 to 1."""
+"""progress(message, fraction): the present work, and the share of all work that is done, 0 to 1."""
 
 Index: TypeAlias = NDArray[np.int64]
 """An array of whole numbers, as a rule positions in other arrays."""

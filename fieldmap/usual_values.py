@@ -1,6 +1,6 @@
-"""Usual sizes of machines on a bench: a value beyond them is more often a slip of the unit, which a warning asks about.
+"""Largest usual values of bench machines. A larger value often has a wrong unit and therefore causes a warning.
 
-Parts of a machine are asked by the same limits, on the SI value, whether a file or Python makes them.
+The same limits, on SI values, hold for parts from files and from Python.
 """
 
 import warnings
@@ -16,11 +16,11 @@ LARGEST = {
     "A": (200.0, "A", "currents are in A"),
     "T": (10.0, "T", "flux densities and remanences are in T"),
 }
-"""By the last part of keys in files: the largest usual value in SI units, the unit's name, what is often missed."""
+"""By unit, the last part of a key: the largest usual value in SI units, the SI unit, the reminder in the warning."""
 
 
 def warn_if_unusual(where: str, value: Any, unit: str, stacklevel: int = 2) -> None:
-    """Warn of numbers beyond the usual ones.
+    """Warn of numbers that are larger than usual.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def warn_if_unusual(where: str, value: Any, unit: str, stacklevel: int = 2) -> N
     try:
         numbers = np.asarray(value)
     except ValueError:
-        return  # no numbers: told when a device is made of it
+        return  # not numbers: the device model reports them
     if unit == "T" and numbers.size > 3:
         return  # a B-H curve, which has rules of its own
     largest = float(np.abs(numbers).max(initial=0.0)) if numbers.dtype.kind in "iuf" else 0.0

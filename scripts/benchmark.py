@@ -1,18 +1,17 @@
-"""Measure the package beside others, in one run: what `make bench` prints.
+"""Benchmarks of the package and of other libraries, in one run. `make bench` prints them.
 
     python scripts/benchmark.py [--only SECTION ...] [--quick] [--json]
 
-Sections: kernels (nanoseconds per point, beside magpylib), iron (error against seconds and unknowns for an iron disk,
-beside magpylib-material-response: the extra `bench`), peers (that program's own validation cases, and a cube),
-controllers (steps per second), lookup (a field from a map, beside five interpolation libraries of the same extra),
-generation (points times coils per second, beside magpylib), dynamics (a levitated magnet in closed loop, times real
-time), own (controllers of one's own in Python, numba and C: samples per second), saturating (new currents of maps of
-saturating iron, wrenches, currents for a force), app (what follows a slider of `fieldmap app`),
-magpylib (fields as magpylib sources: time beside `field`, differences, moved and turned, getFT), derivatives (of a
-state by numbers of its device, in solves), traffic (bytes through client and scheduler, with workers) and busy (share
-of the time of eight workers that a map of saturating iron fills, and a study).
-Prints figures, not verdicts: the exit code is 0 whatever they are. Compare ratios within one run only, and on a machine
-that does nothing else.
+Sections: kernels (nanoseconds per point, compared with magpylib), iron (error over seconds and unknowns for an iron
+disk, compared with magpylib-material-response of the extra `bench`), peers (validation cases of that program, and a
+cube), controllers (steps per second), lookup (a field from a map, compared with five interpolation libraries of the
+same extra), generation (points times coils per second, compared with magpylib), dynamics (a levitated magnet in closed
+loop, times real time), own (a user's own controllers in Python, numba and C: samples per second), saturating (new
+currents of maps of saturating iron, wrenches, currents for a force), app (response to a slider of `fieldmap app`),
+magpylib (fields as magpylib sources: time, differences, motion, getFT), derivatives (of a state by numbers of its
+device, in solves), traffic (bytes through client and scheduler, with workers) and busy (utilisation of eight workers by
+a map of saturating iron and by a study).
+The exit code is 0 for any figures. Compare ratios within one run only, and on a machine that does nothing else.
 
 A section is a module with `measure(quick) -> dict` (JSON-ready) and `show(result, console)`.
 """

@@ -1,11 +1,11 @@
-"""Every picture that the program makes, in one folder with an index page.
+"""Draw every picture that the program makes, in one folder with an index page.
 
     python scripts/gallery.py [FOLDER] [--maps maps/out] [--rows S4 S5 ...] [--only scenes | figures]
 
-Scenes and plots come from commands, which the page prints; figures of the thesis from the rows of `fieldmap thesis`,
-with the thesis's own numbers drawn over ours, and the page lists them by number. Finished rows and scenes that are
-there already are kept, so a gallery that was stopped goes on. What cannot be drawn, for want of a map for example, is
-named at the end of the page.
+Scenes and plots come from commands, which the page prints. Figures of the thesis come from the rows of `fieldmap
+thesis`, with the thesis's own numbers drawn over ours, and the page lists them by number. Existing scenes and finished
+rows are kept, so a stopped run can continue. The end of the page lists pictures that cannot be drawn, for example
+because a map is missing.
 """
 
 import argparse
@@ -28,9 +28,9 @@ from fieldmap.thesis.printed import figure_numbers, thesis_figures
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture that can be made. file: in the folder. draw(path) makes it, and says why it could not, or "".
+    """A picture to draw. file: in the folder. draw(path) draws it and returns the reason of a failure, or "".
 
-    command: what makes it, for the page. figures: of the thesis, by number.
+    command: for the page. figures: numbers of the thesis's figures.
     """
 
     section: str
@@ -42,7 +42,7 @@ class Picture:
     figures: tuple[str, ...] = ()
 
 
-# MAPS/NAME is a map in the folder of maps, FOLDER the gallery.
+# MAPS stands for the folder of maps, FOLDER for the gallery.
 _DIVISION = "show MAPS/division.h5 --currents 1.558 --what"
 _SHIFT = f"{_DIVISION} shift --height-mm -102 --quantity"
 _IRON = "show drive_unit --nonlinear --currents 1.5 --what"
@@ -75,7 +75,7 @@ SCENES = (
 
 
 def scenes(folder: Path, maps: Path) -> Iterator[Picture]:
-    """What commands draw."""
+    """Pictures of commands."""
     for file, title, command in SCENES:
         text = f"{command} --save FOLDER/{file}".replace("MAPS", str(maps)).replace("FOLDER", str(folder))
         yield Picture("Scenes", file, title, f"fieldmap {text}", partial(_run, text.split(), maps))
@@ -92,7 +92,7 @@ def _run(words: Sequence[str], maps: Path, path: Path) -> str:
 
 
 def figures(folder: Path, maps: Path, rows: Sequence[str]) -> Iterator[Picture]:
-    """What the thesis's rows draw; a row that cannot be computed is a picture that cannot be made."""
+    """Figures of the thesis's rows; a row that cannot be computed counts as one picture that fails."""
     with Progress("gallery") as progress:
         for result in attempt_rows(rows, progress, cached_parts(folder, maps)):
             section, command = (
@@ -114,7 +114,7 @@ def _save(curves: Curves, path: Path) -> str:
 
 
 def draw_all(folder: Path, pictures: Iterable[Picture]) -> tuple[dict[str, list[Picture]], list[str]]:
-    """Make them; those that are made by section, and what is missing."""
+    """Draw the pictures. Returns the drawn pictures by section, and the missing ones."""
     sections: dict[str, list[Picture]] = {}
     missing = []
     for picture in pictures:

@@ -1,14 +1,14 @@
-"""A loop of 1 kHz in C on maps of saturating iron, beside threads of load: median, 99.9 % and the worst of a million.
+"""Time of a 1 kHz loop in C on maps of saturating iron, with load threads: median, 99.9 % and the worst of a million.
 
     fieldmap map eight_coils ; make map
     python scripts/loop_1khz.py [MAP.h5 ...] [--steps N] [--paced S] [--threads N] [--derivatives] [--realtime]
 
-Exports each map, compiles scripts/loop_1khz.c with the exported headers, and runs it: steps one after the other, each
-timed by the clock and by the processor time of its thread (a million at 1 kHz would take 17 minutes), then steps a
-millisecond apart for some seconds. A step solves the iron at new currents and looks up field, gradient and wrench at a
-new place; every thousandth the currents leap across the domain. Of two threads of load one moves memory, one computes.
---realtime asks for a real-time priority and locks memory for the latter, which needs the right to: Linux holds back
-a thread of such a priority that never waits.
+Exports each map, compiles scripts/loop_1khz.c with the exported headers, and runs it: first steps without pause, each
+timed by the clock and by the processor time of its thread (a million at 1 kHz would take 17 minutes), then steps at
+1 kHz for some seconds. A step solves the iron at new currents and looks up field, gradient and wrench at a new place;
+in every thousandth step the currents jump across the domain. Of two load threads one moves memory, one computes.
+--realtime uses a real-time priority and locked memory for the paced steps, which needs privileges. The steps without
+pause do not use it, because Linux throttles a real-time thread that never waits.
 """
 
 import argparse
@@ -26,7 +26,7 @@ MAPS = ("maps/out/eight_coils.h5", "maps/out/workspace.h5")
 
 
 def compiled(folder: Path) -> Path:
-    """The program, from the headers in a folder."""
+    """Compile the program with the headers in a folder."""
     compiler = shutil.which("cc")
     if compiler is None:
         raise SystemExit("no C compiler here")
@@ -51,7 +51,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for path in options.maps:
-            # Of its rounding, the path of the currents may leave the domain.
+            # Rounding may put the path of the currents slightly outside the domain.
             field = fm.open_map(path, outside_currents="evaluate", outside="clamp")
             target = write_c_iron_files(field, folder / "loop.fmap")[0]
             print(

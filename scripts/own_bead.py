@@ -1,10 +1,10 @@
-"""The figures of the bead in docs/own_controller.md: its block run on the shipped recipe's map, in all forms.
+"""Measure the figures of the bead in docs/own_controller.md: run the page's code block on the shipped recipe's map.
 
     fieldmap map eight_coils_bead
     python scripts/own_bead.py [--map maps/out/eight_coils_bead.h5]        (half a minute)
 
-Processor seconds of 10 s, the least of some runs that take turns: the function in Python and in numba, on the model of
-the iron and on iron that is linear about the start; one call of each function; how far the bead is from its path.
+Prints processor seconds of 10 s, the least of some runs in turns, for the function in Python and in numba, on the iron
+model and on iron linearised about the start; the time of a call of each function; and the distance from the path.
 """
 
 import argparse
@@ -27,7 +27,7 @@ REPEATS, ROUNDS, CALLS = 3, 5, 20_000
 
 
 def the_block(map_file: str) -> dict[str, Any]:
-    """What the page's block leaves behind, run on a map."""
+    """Variables of the page's block after it ran on a map."""
     blocks = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.DOTALL | re.MULTILINE)
     (code,) = [block for block in blocks if MAP in block]
     names: dict[str, Any] = {}
@@ -36,7 +36,7 @@ def the_block(map_file: str) -> dict[str, Any]:
 
 
 def off_path(run: Any, height: float) -> np.ndarray:
-    """RMS distance (3,) from the circle, um, from 1 s on."""
+    """RMS distances (3,) from the circle, um, from 1 s on."""
     angle = 0.4 * np.pi * np.maximum(run.time - 1.0, 0.0)
     path = [1e-3 * (np.cos(angle) - 1.0), 1e-3 * np.sin(angle), height + 5e-4 * np.sin(2.0 * angle)]
     off = (run.sensed - np.stack(path, axis=1))[run.time >= 1.0]

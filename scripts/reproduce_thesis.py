@@ -1,4 +1,4 @@
-"""The report of the thesis, with the maps that are missing: `fieldmap thesis --report report --make-maps`.
+"""Make the report on the thesis, with missing maps: `fieldmap thesis --report report --make-maps`.
 
 python scripts/reproduce_thesis.py [ROW ...] [--report report] [--maps maps/out]
 """

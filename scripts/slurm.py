@@ -4,12 +4,12 @@
                             [--print | --try] COMMAND ...
     python scripts/slurm.py --array 20 --cores 4 --memory 16GB ... map RECIPE --over STUDY ...
 
-COMMAND is what follows `fieldmap`: map RECIPE, study FILE, optimise FILE or fit FILE, with its options. Run it on a
-node that may submit jobs and may compute a little itself: this process prepares the work and writes the results; for a
-map of saturating iron it assembles the iron as well. Every job starts one worker per core. --print shows the job's
-script and submits nothing; --try starts the jobs on this machine, without SLURM.
---array N makes many maps by an array job of N tasks, without a scheduler: each task makes its part of the maps with
-all cores of its job, and a last job writes the index.
+COMMAND is a command of `fieldmap`: map RECIPE, study FILE, optimise FILE or fit FILE, with its options. Run this script
+on a node that may submit jobs and compute a little: this process prepares the work, writes the results, and for a map
+of saturating iron assembles the iron. Every job starts one worker per core. --print shows the job's script and submits
+nothing; --try starts the jobs on this machine, without SLURM.
+--array N makes many maps by an array job of N tasks, without a scheduler: each task makes its part of the maps with all
+cores of its job, and a last job writes the index.
 Needs   pip install "fieldmap[cluster]"   on every node.
 """
 
@@ -25,13 +25,13 @@ from fieldmap.cli import main as fieldmap
 
 
 def cluster_of(chosen: argparse.Namespace) -> JobQueueCluster:
-    """Jobs as the cluster will start them; none yet."""
-    # One process per core: pieces of work in one process would take turns.
+    """The cluster object, before any job has started."""
+    # One process per core, because pieces of work in one process would run one after the other.
     job = {"cores": chosen.cores, "processes": chosen.cores, "memory": chosen.memory, "job_name": "fieldmap"}
     without_page = {"dashboard": False, "dashboard_address": ":0"}
     if chosen.try_here:
         return LocalCluster(**job, scheduler_options=without_page)
-    # Workers take their leave before the cluster kills them; what they had in hand is done again.
+    # Workers stop before the cluster kills them; unfinished pieces of work are done again.
     lifetime = ["--lifetime", f"{minutes(chosen.walltime) - 5}m", "--lifetime-stagger", "3m"]
     return SLURMCluster(
         **job,
@@ -44,7 +44,7 @@ def cluster_of(chosen: argparse.Namespace) -> JobQueueCluster:
 
 
 def array_scripts(chosen: argparse.Namespace) -> tuple[str, str]:
-    """Of the array job, and of the job that writes the index."""
+    """Scripts of the array job, and of the job that writes the index."""
     asked = {
         "job-name": "fieldmap",
         "ntasks": 1,
@@ -62,7 +62,7 @@ def array_scripts(chosen: argparse.Namespace) -> tuple[str, str]:
 
 
 def submit_array(scripts: tuple[str, str]) -> None:
-    """Submit the array job, and the last one for when all its tasks have ended."""
+    """Submit the array job, and the job for the index, which starts when all tasks have ended."""
     after: list[str] = []
     for script in scripts:
         done = subprocess.run(
@@ -74,13 +74,13 @@ def submit_array(scripts: tuple[str, str]) -> None:
 
 
 def minutes(walltime: str) -> int:
-    """Of hours:minutes:seconds."""
+    """Minutes of a time hours:minutes:seconds."""
     hours, whole, _ = (int(part) for part in walltime.split(":"))
     return 60 * hours + whole
 
 
 def arguments() -> argparse.Namespace:
-    """What the command line says."""
+    """Read the command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -98,7 +98,7 @@ def arguments() -> argparse.Namespace:
 
 
 def main() -> int:
-    """Submit, and run the command with the scheduler of the jobs; its exit code."""
+    """Submit the jobs and run the command with their scheduler. Returns the exit code of the command."""
     chosen = arguments()
     if chosen.array is not None:
         scripts = array_scripts(chosen)
@@ -108,7 +108,7 @@ def main() -> int:
         if chosen.print:
             print(cluster.job_script())
             return 0
-        # As many as asked for; adapt() starts new jobs in the place of those whose time is up.
+        # A constant number of jobs; adapt() replaces jobs that have reached their walltime.
         cluster.adapt(minimum_jobs=chosen.jobs, maximum_jobs=chosen.jobs)
         return fieldmap([*chosen.command, "--scheduler", cluster.scheduler_address])
 

@@ -1,10 +1,10 @@
-"""Hold the solver against everything that is known: one table, pass or fail. `make validate`.
+"""Compare the solver with all known references, in one table with pass or fail. `make validate`.
 
     python scripts/validate.py [--only STUDY ...] [--json]
 
 Errors are the largest over the points, relative to the largest value of the same quantity there, unless the row says
-otherwise. Rows without a bound are for information. Seconds mean something on two quiet cores only; processor seconds
-stand beside them. Exit code 1 if a bound is broken or a row could not be run.
+otherwise. Rows without a bound are for information. Wall seconds are meaningful on two quiet cores only; processor
+seconds are printed, too. The exit code is 1 if a bound is broken or a row could not be run.
 """
 
 import argparse
@@ -45,7 +45,7 @@ from validation.row import Row
 
 from fieldmap.errors import FieldmapError
 
-# Each with the processor seconds that it took when it was written, for the time left.
+# Each study with its processor seconds, measured once, for the estimate of the time left.
 STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
     "spheres": (closed_forms.spheres, 6),
     "shell": (closed_forms.shell, 2),
@@ -86,7 +86,7 @@ STUDIES: dict[str, tuple[Callable[[], Iterator[Row]], float]] = {
 
 
 def run(names: list[str], say: Callable[[str], None]) -> Iterator[Row]:
-    """Rows of the named studies; a study that fails leaves a row that says so, and the others go on."""
+    """Rows of the named studies. A study that fails gives a row with the error, and the others continue."""
     begin, done = time.perf_counter(), 0.0
     expected = sum(STUDIES[name][1] for name in names)
     for number, name in enumerate(names, start=1):
@@ -106,7 +106,7 @@ def run(names: list[str], say: Callable[[str], None]) -> Iterator[Row]:
 
 
 def show(rows: list[Row], console: Console) -> None:
-    """Print the table and the sum."""
+    """Print the table and the totals."""
     load = f"; load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores" if hasattr(os, "getloadavg") else ""
     table = Table(title="validation", caption=f"s: wall clock (processor){load} at the end")
     for heading in ("case", "quantity"):
@@ -127,7 +127,7 @@ def show(rows: list[Row], console: Console) -> None:
 
 
 def _figures(study: str, rows: list[dict[str, str]]) -> Table:
-    """Rows that are told by several numbers."""
+    """Table of rows with several numbers."""
     table = Table(title=study)
     for number, heading in enumerate(rows[0]):
         table.add_column(heading, justify="right" if number else "left")

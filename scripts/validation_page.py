@@ -1,10 +1,10 @@
-"""Write docs/validation*.md from what the validation and the comparison with the thesis printed.
+"""Write docs/validation*.md from the output of the validation and of the comparison with the thesis.
 
     fieldmap thesis --report report
     python scripts/validate.py --json > validate.json
     python scripts/validation_page.py report/numbers.csv validate.json
 
-Several files of rows may be given; a case that stands in more than one is taken from the last.
+Several files of rows may be given; a case that is in more than one file is taken from the last.
 """
 
 import argparse
@@ -86,7 +86,7 @@ def _deviation(numbers: Iterable[dict[str, str]], kind: str) -> str:
 
 
 def rows_of(paths: Iterable[Path]) -> list[dict[str, Any]]:
-    """Rows of the validation; what stands in more than one file is taken from the last."""
+    """Rows of the validation; a case in more than one file is taken from the last."""
     found: dict[tuple[str, str], dict[str, Any]] = {}
     for path in paths:
         for row in json.loads(path.read_text(encoding="utf-8")):
@@ -95,7 +95,7 @@ def rows_of(paths: Iterable[Path]) -> list[dict[str, Any]]:
 
 
 def validation_table(rows: list[dict[str, Any]], wanted: bool) -> str:
-    """The rows that have a bound, or those that have none."""
+    """The rows with a bound (wanted), or the rows without one."""
     lines = ["| case | quantity | measured | bound | reference |", "|---|---|---|---|---|"]
     for row in rows:
         if (row["bound"] is not None) == wanted:
@@ -113,7 +113,7 @@ def validation_table(rows: list[dict[str, Any]], wanted: bool) -> str:
 
 
 def _left_out(rows: list[dict[str, Any]]) -> str:
-    """Which studies of the validation are not on the page."""
+    """Sentence with the studies of the validation that are not on the page."""
     missing = [name for name in STUDIES if name not in {row["study"] for row in rows}]
     names = ", ".join(f"`{name}`" for name in missing)
     return (
@@ -122,7 +122,7 @@ def _left_out(rows: list[dict[str, Any]]) -> str:
 
 
 def pages(numbers: Path, paths: list[Path], busy: bool = False) -> dict[str, str]:
-    """The pages, by name. busy: the rows were made beside other work."""
+    """The pages, by name. busy: whether other programs ran during the validation."""
     rows = rows_of(paths)
     passed = sum(row["verdict"] == "pass" for row in rows)
     judged = sum(row["bound"] is not None for row in rows)

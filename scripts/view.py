@@ -12,7 +12,7 @@ from fieldmap.plot import save_picture
 
 
 def main() -> None:
-    """Read the arguments, draw, and say where the picture is."""
+    """Read the arguments, draw, and print the path of the picture."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

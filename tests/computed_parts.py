@@ -1,4 +1,4 @@
-"""Parts of the thesis that several files of tests look at: each is computed once in a process."""
+"""Parts of the thesis that several test files use: each is computed once in a process."""
 
 from functools import cache
 
@@ -11,17 +11,17 @@ from fieldmap.thesis.printed import parts_of
 
 @cache
 def computed(part: str) -> PartResult:
-    """Of a part without a map; what it draws and its numbers are not to be changed."""
+    """The result of a part without a map; callers must not change it."""
     return compute_part(part)
 
 
 def numbers(row: str) -> list[Comparison]:
-    """All numbers of a row, computed by the first test that asks: collecting tests stays quick."""
+    """All numbers of a row, computed at the first call, so that collecting tests stays quick."""
     return [number for part in parts_of([row]) for number in computed(part).comparisons]
 
 
 def assert_drawn(curves: Curves, labels: tuple[str, str], lines: list, rtol: float = 1e-7) -> None:
-    """Labels of a figure, and for each series its name, kind, x and y."""
+    """Compare the labels of a figure, and name, kind, x and y of each series."""
     assert (curves.x_label, curves.y_label) == tuple(labels), curves.title
     assert [(one.name, one.kind) for one in curves.series] == [line[:2] for line in lines], curves.title
     for one, (*_, x, y) in zip(curves.series, lines, strict=True):

@@ -1,4 +1,4 @@
-"""What the tests of all packages may use."""
+"""Fixtures and settings for the tests of all packages."""
 
 import gc
 import os
@@ -21,17 +21,17 @@ def valid_text() -> str:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config):
-    """One folder of meshes for all processes of a run: of the same iron a mesh is made once. None from another run, so
-    what is tested is the mesher as it is."""
-    # By its name: the process that hands out the tests has no use for the package.
+    """One folder of meshes for all processes of a run, so that each body is meshed once. Meshes of earlier runs are not
+    used, because the tests must test the current mesher."""
+    # Set in the environment, because the xdist controller does not import the package.
     if "FIELDMAP_MESHES" not in os.environ:
         folder = tempfile.TemporaryDirectory(prefix="fieldmap_meshes_")
         os.environ["FIELDMAP_MESHES"] = folder.name
         config.add_cleanup(folder.cleanup)
-    # The colours of texts about overloads that do not fit: numba makes thousands while it compiles, and shows none.
+    # numba formats thousands of messages about unmatched overloads while it compiles, and shows none: no colours.
     os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
     if workers := getattr(config.option, "numprocesses", None):
-        # Processes that share the processors, each with threads for all of them, wait for each other most of the time.
+        # With threads for all processors in every process, the processes would mostly wait for each other.
         for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
             os.environ.setdefault(name, str(max(1, (os.cpu_count() or 1) // workers)))
 
@@ -40,16 +40,16 @@ gc.disable()
 
 
 def pytest_collection_finish():
-    """From here on the collector of circles leaves what was loaded and collected alone, some 700 000 objects, and
-    looks less often: before, it took a seventh of the processor time of 250 tests that were looked at."""
+    """Exclude the 700 000 objects loaded so far from garbage collection, and collect less often. Before, collection
+    took a seventh of the processor time of 250 tests."""
     gc.freeze()
     gc.set_threshold(10_000, 20, 10)
     gc.enable()
 
 
-# The first two are begun together, one in each process: the one compiles what most tests call, the other kernels alone.
-# If both reached a kernel at the same time, each would compile it. Folders whose files have few and long tests follow,
-# so that none of these files is left to one process at the end.
+# The first two start together, one per process. One process compiles what most tests call, the other single kernels.
+# Kernels needed by both at the same time would be compiled twice. Folders whose files have few and long tests follow,
+# so that the last files are short.
 FIRST = (
     "tests/test_records.py",
     "tests/kernels/",
@@ -63,8 +63,7 @@ SLOW = Path(__file__).parent / "slow.txt"
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Mark the tests of slow.txt, before those with or without a mark are selected. A line that names no test is an
-    error."""
+    """Mark the tests of slow.txt before markers select tests. A line that names no test is an error."""
     lines = SLOW.read_text(encoding="utf-8").splitlines()
     named = {line for line in lines if line and not line.startswith("#")}
     found, functions = set(), set()
@@ -74,23 +73,23 @@ def pytest_collection_modifyitems(config, items):
         if of := named & {item.nodeid, function, file_of(item)}:
             item.add_marker("slow")
             found |= of
-    # Of a part of the tests, or without a library, what is not there says nothing; nor do other parameters of a
-    # function of which one was asked for.
+    # In a run of some tests, or without a library, a missing name is no error, nor are further parameters of a function
+    # when one was asked for.
     functions -= {name.split("[")[0] for name in config.args if "[" in name}
     files = {function.split("::")[0] for function in functions}
     lost = {name for name in named - found if name.split("[")[0] in functions}
     lost |= {name for name in named - found if name.split("::")[0] in files and not is_written(name)}
-    # Of those that failed last, some parameters of a function are collected without the others.
+    # With --lf some parameters of a function are collected without the others.
     if lost and not config.getoption("lf", False):
         raise pytest.UsageError(f"tests/slow.txt names tests that are not there: {', '.join(sorted(lost))}")
     if "PYTEST_XDIST_WORKER" in os.environ:
-        # Files, as they are handed out: the smallest last, when the processes wait for each other.
+        # xdist hands out whole files: the smallest last, so that processes wait little for each other.
         sizes = Counter(file_of(item) for item in items)
         items.sort(key=lambda item: (turn_of(file_of(item)), -sizes[file_of(item)]))
 
 
 def turn_of(file):
-    """That of the longest of FIRST with which the name begins."""
+    """Index of the longest entry of FIRST that the name starts with."""
     turns = [k for k, start in enumerate(FIRST) if file.startswith(start)]
     return max(turns, key=lambda k: len(FIRST[k]), default=len(FIRST))
 
@@ -100,7 +99,7 @@ def file_of(item):
 
 
 def is_written(name):
-    """Whether the file of a test has it."""
+    """Whether the file of a test defines it."""
     file, _, function = name.split("[")[0].partition("::")
     path = SLOW.parents[1] / file
     return path.is_file() and f"def {function}(" in path.read_text(encoding="utf-8")
@@ -129,9 +128,9 @@ def dipole_gradient(moment, source, points):
 
 
 def _write_dipoles(sources, path, device="", **provenance):
-    """A map file of vertical dipoles (n, 3), each of 8 A m^2 per ampere, in the workspace of the drive unit.
+    """Write a map file of vertical dipoles (n, 3), each of 8 A m^2 per ampere, in the workspace of the drive unit.
 
-    device: text of the device file that the map records; provenance: what else it records.
+    device: text of the device file recorded in the map; provenance: further recorded fields.
     """
     from fieldmap.store import Grid, MapData, Provenance, write_map
 
@@ -168,13 +167,13 @@ def circle_of_six():
 
 @pytest.fixture(scope="session")
 def six_coils(circle_of_six, tmp_path_factory):
-    """A map file: six dipoles on the circle of the drive unit."""
+    """A map file of six dipoles on the circle of the drive unit."""
     return _write_dipoles(circle_of_six, tmp_path_factory.mktemp("maps") / "six.h5")
 
 
 @pytest.fixture
 def written(six_coils, tmp_path):
-    """written(text, name): the path of a scenario file on the map of six dipoles; scenarios/step.toml as a default."""
+    """written(text, name): path of a scenario file on the map of six dipoles; default text: scenarios/step.toml."""
 
     def write(text=None, name="step.toml"):
         path = tmp_path / name
@@ -186,8 +185,8 @@ def written(six_coils, tmp_path):
 
 @pytest.fixture(scope="session")
 def legible():
-    """legible(curves): draws each figure off screen, as it is saved, and holds it to what a reader needs: a unit on
-    both axes, every word inside the picture, nothing upon another, and room left for the lines."""
+    """legible(curves): draw each figure off screen and check that it is legible: units on both axes, every text inside
+    the picture, no overlaps, and room left for the lines."""
     from fieldmap.plot.figures import curves_figure
 
     seen = set()
@@ -201,7 +200,7 @@ def legible():
             check(figure, axes, one.title)
 
     def check(figure, axes, title):
-        # Of a ratio and of a root in the z-plane there is no unit.
+        # Ratios and roots in the z-plane have no unit.
         with_unit = (")", "signal", "over weight", "part", "of the denominator")
         assert axes.get_xlabel().endswith(with_unit), title
         assert axes.get_ylabel().endswith(with_unit), title

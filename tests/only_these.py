@@ -1,8 +1,7 @@
-"""Makes this process believe that only some of the package's dependencies are installed.
+"""Makes this process behave as if only some of the package's dependencies were installed.
 
-`only("cli")`, run before anything else is imported, leaves the standard library, fieldmap, what pyproject.toml lists as
-dependencies, the extras that are named, and what these need in their turn. Any other import fails, as it does where the
-distribution is not installed.
+`only("cli")`, called before other imports, leaves the standard library, fieldmap, the dependencies in pyproject.toml,
+the named extras, and the dependencies of all these. Any other import fails as if the distribution were not installed.
 """
 
 import re
@@ -18,12 +17,12 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 
 
 def name_of(requirement: str) -> str:
-    """The distribution that a requirement names, as indexes write names."""
+    """The normalised name of the distribution in a requirement."""
     return re.sub(r"[-_.]+", "-", re.match(r"[\w.-]+", requirement)[0]).lower()
 
 
 def distributions(*extras: str) -> set[str]:
-    """What an installation with these extras brings, all the way down."""
+    """The distributions of an installation with these extras, including indirect dependencies."""
     waiting = [*PROJECT["dependencies"], f"fieldmap[{','.join(extras)}]"]
     found: set[str] = set()
     while waiting:
@@ -43,13 +42,13 @@ def distributions(*extras: str) -> set[str]:
 
 
 class Without:
-    """A finder of the interpreter's that does not find some modules."""
+    """A finder for modules that does not find some of them."""
 
     def __init__(self, finder: Any, hidden: set[str]) -> None:
         self.finder, self.hidden = finder, hidden
 
     def find_spec(self, name: str, path: Any = None, target: Any = None) -> Any:
-        """As of the finder; None for what is hidden."""
+        """The finder's result, or None for a hidden module."""
         return None if name.partition(".")[0] in self.hidden else self.finder.find_spec(name, path, target)
 
     def __getattr__(self, name: str) -> Any:
@@ -57,7 +56,7 @@ class Without:
 
 
 def only(*extras: str) -> None:
-    """From here on nothing else can be imported."""
+    """Hide all other distributions from now on."""
     left = distributions(*extras)
     owners = modules_of_distributions().items()
     hidden = {module for module, names in owners if not {name_of(name) for name in names} & left}

@@ -1,4 +1,4 @@
-"""Errors of wrong input, by what their first problem says."""
+"""Errors of wrong input, checked by the texts of their first problem."""
 
 from contextlib import contextmanager
 
@@ -7,8 +7,8 @@ import pytest
 
 @contextmanager
 def refused(error, **parts):
-    """A block that must raise this error. parts: where, received: how these texts of its first problem end, in whole
-    words; must_hold, remedy: what they contain. Gives what pytest has caught."""
+    """A block that must raise this error. parts of its first problem: where and received end with these texts, in whole
+    words; must_hold and remedy contain them. Yields pytest's caught error."""
     with pytest.raises(error) as caught:
         yield caught
     problem = caught.value.problems[0]

@@ -1,4 +1,4 @@
-"""The modules of the package import each other in one direction only, also within a package and inside functions."""
+"""Modules of the package do not import each other in circles, not even within a package or inside functions."""
 
 import importlib
 import json
@@ -33,8 +33,8 @@ def test_packages_import_each_other_in_no_circle(counts, package):
 
 
 def test_an_import_is_no_string(counts, package):
-    """A name in quotes imports libraries, which may be missing, and modules of its own package: those of a folder in
-    which each is a choice, and those of a table for first use. `fieldmap` itself names for users what they may import.
+    """Imports by a quoted name are of libraries, which may be missing, and of modules in the same package: alternatives
+    in a folder, and tables for lazy imports. `fieldmap` itself names modules for users.
     """
     named = {
         (module.name, name)
@@ -48,7 +48,7 @@ def test_an_import_is_no_string(counts, package):
 
 @pytest.fixture
 def written(tmp_path):
-    """A small package: a and b import each other, c imports itself by a detour inside a function, d is alone."""
+    """A small package: a and b import each other, c imports itself through d in a function, and e is in no circle."""
     files = {
         "__init__": "",
         "a": "from fieldmap import b\n",
@@ -86,7 +86,7 @@ def test_circles_are_found(counts, written):
     ],
 )
 def test_a_circle_of_packages_by_a_name_is_found(counts, written, line, name):
-    """Package far imports near; a function of near imports far by its name."""
+    """Package far imports near; a function in near imports far by name."""
     files = {
         "far/__init__": "",
         "far/c": "from fieldmap.near.d import name\n",

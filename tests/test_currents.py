@@ -1,5 +1,5 @@
-"""Current parametrisations: (6-2), (6-3) as printed, the directions of Table 6-1, derivatives, inverses, and what is
-stored of them."""
+"""Current parametrisations: (6-2), (6-3) as printed, the directions of Table 6-1, derivatives, inverses, and the
+stored form."""
 
 import numpy as np
 import pytest
@@ -74,7 +74,7 @@ def test_inverse(n):
 
 @pytest.mark.parametrize("n", [1.0, 1.25])
 def test_slopes_are_derivatives(n):
-    """Taylor test: what is left falls with the square of the step."""
+    """Taylor test: the remainder falls with the square of the step."""
     at, direction = np.array([1.5, 0.2, -0.1]), np.array([0.3, 0.5, -0.7])
 
     def rest(h):
@@ -123,7 +123,7 @@ def test_signals_are_found_again(of):
 
 @pytest.mark.parametrize("of", ALL)
 def test_derivatives_by_the_signals(of):
-    """Taylor test: what is left falls with the square of the step, or is rounding where currents are linear."""
+    """Taylor test: the remainder falls with the square of the step, or is rounding if currents are linear."""
     at, direction = signals_of(of, 7), 0.5 * signals_of(of, 7)
 
     def left(h):
@@ -205,7 +205,7 @@ def test_a_name_is_taken_once():
 @pytest.mark.parametrize(
     ("kind", "lower", "upper", "largest"),
     [
-        # Beyond u = 2 A all coils alike leave the range of u, though single coils carry more with x and y.
+        # At most u = 2 A with all coils equal, although single coils carry more with x and y.
         (LiftAndDirections(1.25), (1.0, -0.4, -0.4), (2.0, 0.4, 0.4), 2.0),
         (LiftAndDirections(1.25, 1.8), (1.0, -0.4, -0.4), (2.0, 0.4, 0.4), 1.8),
         (LiftAndDirections(1.25), (1.0, 0.1, -0.4), (2.0, 0.4, 0.4), None),

@@ -1,4 +1,4 @@
-"""Coils, laws, shapes and interpolants of an installed package: named as entry points, used by their names."""
+"""Coils, laws, shapes and interpolants of an installed package: declared as entry points, used by name."""
 
 import subprocess
 import sys

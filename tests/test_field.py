@@ -1,4 +1,4 @@
-"""The noun of the package: currents of every kind, completed fields, second gradients and wrenches by default."""
+"""Fields: currents of every kind, completed fields, second gradients and wrenches by default."""
 
 from types import SimpleNamespace
 
@@ -33,7 +33,7 @@ class Quadratic(Field):
 
 
 class Duck:
-    """The least that a user writes."""
+    """The least that a user has to write."""
 
     coil_names = NAMES
 
@@ -45,7 +45,7 @@ class Duck:
 
 
 class Pair:
-    """Both in one pass, as a program gives them that sums over dipoles."""
+    """Field and gradient in one pass, as from a program that sums over dipoles."""
 
     coil_names = NAMES
 

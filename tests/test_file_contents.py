@@ -89,6 +89,7 @@ def test_line_ends_stay(tmp_path):
         (b"\xef\xbb\xbftime,x\r\n", "a text that begins with 'time,x'"),
         ("time,x\r\n".encode("utf-16"), "a text that begins with 'time,x'"),
         (b"\n\n", "a text that begins with ''"),
+        (b"\xff\xfe", "a file without a text"),
     ],
 )
 def test_what_a_file_is(tmp_path, data, words):

@@ -1,4 +1,4 @@
-"""What `help` and editors show of the public functions: names of arguments and types as people write them."""
+"""`help` and editors show readable names of arguments and types for the public functions."""
 
 import inspect
 import pkgutil
@@ -42,7 +42,7 @@ def test_a_part_of_a_machine_shows_its_dimensions(name):
     one = getattr(fm, name)
     if not inspect.isabstract(one):
         shown, own = inspect.signature(one).parameters, [field for field in fields(one) if field.init]
-        # By position first, then by name alone.
+        # Positional fields first, then keyword-only ones.
         assert list(shown) == [field.name for field in sorted(own, key=lambda field: field.kw_only)]
         assert not any("FieldInfo" in str(each.annotation) for each in shown.values())
 

@@ -1,4 +1,4 @@
-"""Largest and smallest numbers that are taken: the limit itself is, and the next number beyond it is not."""
+"""Largest and smallest accepted numbers: the limit itself is accepted, the next number beyond it is not."""
 
 from types import SimpleNamespace
 
@@ -14,12 +14,12 @@ from fieldmap.studies import study
 
 
 def mapped(*nodes):
-    """The grid of a recipe with so many nodes along each axis, 2 mm apart."""
+    """The grid of a recipe with these numbers of nodes along the axes, 2 mm apart."""
     return recipe.choose_grid((np.zeros(3), 2e-3 * (np.array(nodes) - 1.0)), np.full(3, 2e-3)).shape
 
 
 def fitted(*nodes):
-    """The grid of a fit to readings, as `mapped`."""
+    """The grid of a fit to readings, like `mapped`."""
     return measured_map._grid(np.zeros(3), 2e-3 * (np.array(nodes) - 1.0), 2e-3).shape
 
 
@@ -34,7 +34,7 @@ def run(periods):
 
 
 def lifted(amperes):
-    """Signals of a study that give coils 2 and 5 this current, and the others as much divided by n = 1."""
+    """Signals of a study: coils 2 and 5 get this current, the others the same, because n = 1."""
     study._of_some_size(SimpleNamespace(u_A=amperes, x=0.0, y=0.0, n=1.0))
 
 
@@ -46,7 +46,7 @@ def ranged(low, high):
     recipe._range([low, high])
 
 
-# What is called, with what is taken, and with what is not: two million nodes are 125 x 125 x 128.
+# Function, accepted arguments, refused arguments. A fit takes two million nodes, 125 x 125 x 128.
 LIMITS = {
     "no limit of a map's nodes": (mapped, [(125, 125, 129), (300, 300, 300)], []),
     "fewest nodes of a map": (mapped, [(5, 5, 5), (5, 9, 8)], [(4, 9, 9), (9, 4, 9), (9, 9, 4)]),
@@ -69,6 +69,6 @@ def test_the_limit_is_taken_and_the_next_number_is_not(name):
     for numbers in inside:
         assert function(*numbers) in (None, numbers)
     for numbers in outside:
-        # Those of keys are pydantic's, which are ValueErrors.
+        # Errors at keys are pydantic's ValueErrors.
         with pytest.raises((FieldmapError, ValueError)):
             function(*numbers)

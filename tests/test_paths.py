@@ -1,4 +1,4 @@
-"""Every public function and class that takes a path: a text, a `pathlib.Path`, and the path of any other library."""
+"""Every public function and class with a path takes a string, a `pathlib.Path`, and any other path object."""
 
 import inspect
 import pkgutil
@@ -19,7 +19,7 @@ KINDS = {"text": str, "Path": Path}
 
 
 class OtherPath:
-    """A path that is no `pathlib.Path`: nothing but what `os.fspath` asks for."""
+    """A path object that only has `__fspath__`."""
 
     def __init__(self, path):
         self._path = str(path)
@@ -29,12 +29,12 @@ class OtherPath:
 
 
 KINDS["of another library"] = OtherPath
-# Whatever they are given they look at nothing but the name, or at no file of ours.
+# These functions use only the name, or no file of the package's formats.
 _NAMES_ONLY = {"checkpoint_path", "is_map_file", "is_run_file", "map_path", "refuse_directory", "whole_file"}
 
 
 def readers():
-    """Public functions, and class methods that make an object, which need one path and nothing else."""
+    """Public functions, and class methods that make an object, whose only required argument is a path."""
     found = {}
     for module in pkgutil.walk_packages(fm.__path__, "fieldmap."):
         if any(part in module.name for part in (".cli", ".thesis", "__main__")):
@@ -66,7 +66,7 @@ def _needs_a_path(one):
 
 
 def test_readers_name_the_file_that_is_not_there(tmp_path):
-    """The path itself, as which it was given."""
+    """The message has the path as given."""
     path = tmp_path / "none.file"
     known = readers()
     assert len(known) > 20
@@ -93,7 +93,7 @@ def test_shipped_names_and_files_are_found(kind, tmp_path):
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 def test_shapes_of_files_in_a_device(kind, tmp_path):
-    """Records that are made in Python keep a path, of which the device takes the hash."""
+    """Records made in Python keep a path, and the device takes the file's hash."""
     mesh = Path(__file__).parent / "devices" / "block_of_two_regions.msh"
     (tmp_path / "solid.step").write_text("ISO-10303-21;")
     bodies = [

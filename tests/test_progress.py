@@ -1,4 +1,4 @@
-"""Progress on stderr: lines without a terminal, a bar on one; and how far a run is, on a clock of the test's own."""
+"""Progress on stderr: lines without a terminal, a bar on a terminal; and the forecast of a run, on a fake clock."""
 
 import re
 import sys
@@ -28,7 +28,7 @@ def clock(monkeypatch):
 
 
 def test_progress_without_a_terminal_is_a_line_with_its_time_now_and_then(capsys, clock):
-    """A line in ten seconds, and the last one, of work that takes 35 s; each begins with the time of the day."""
+    """Work of 35 s gives a line every ten seconds and a last one; each begins with date and time."""
     with Progress("solving") as progress:
         for step in range(36):
             progress(f"step {step}", step / 35)
@@ -48,7 +48,7 @@ def test_the_log_of_a_night_has_a_line_for_each_hundredth_of_the_time(capsys, cl
         for step in range(36000):
             progress("working", step / 36000)
             clock.now += 1.0
-    # From 1000 s on a factor of 1.01 of the time: log(36) / log(1.01) lines behind the first hundred.
+    # From 1000 s on lines come at a factor of 1.01 in time: log(36) / log(1.01) lines after the first hundred.
     assert len(capsys.readouterr().err.splitlines()) == pytest.approx(100 + 360, abs=10)
 
 
@@ -66,7 +66,7 @@ def test_a_run_that_is_stopped_tells_how_far_it_was(capsys, clock):
 
 
 def test_memory_of_this_process_and_its_peak_are_told(capsys, clock):
-    """Against what psutil says, and after an array of 0.3 GB that is gone again."""
+    """Against psutil, and after an array of 0.3 GB that is freed again."""
     have = psutil.Process().memory_info().rss / 1e9
     np.ones(40_000_000).sum()
     with Progress("map") as progress:
@@ -121,7 +121,7 @@ def test_a_first_run_says_that_it_compiles(monkeypatch, capsys, tmp_path):
 
 
 def left_told(clock, capsys, done, whole, every=0.5, **settings):
-    """(time, seconds that were told to be left) of a run of `whole` seconds that has done done(t) of its work at t."""
+    """(time, seconds left as printed) of a run of `whole` seconds that has done the share done(t) at time t."""
     begin = clock.now
     with Progress("map", **({"timed": True} | settings)) as progress:
         for step in range(int(whole / every) + 1):
@@ -139,7 +139,7 @@ def test_the_time_left_of_even_work_is_right(clock, capsys):
 
 
 def test_time_in_which_nothing_could_be_done_is_no_work(clock, capsys):
-    """20 s until a run knows what it does, and 60 s of even work."""
+    """20 s before the work is known, then 60 s of even work."""
     told = left_told(clock, capsys, lambda t: max(t - 20.0, 0.0) / 60, 80.0)
     assert len(told) == 5
     assert all(abs(time + left - 80) <= 1 for time, left in told)
@@ -169,7 +169,7 @@ def test_a_bar_shows_the_same(monkeypatch, clock):
 
 
 class Run:
-    """A run of known stages, with what its forecast tells: (time, share)."""
+    """A run of known stages, with the output of its forecast: (time, share)."""
 
     def __init__(self, clock, work, workers=lambda: 1):
         self.clock, self.begin, self.told = clock, clock.now, []
@@ -195,7 +195,7 @@ def test_work_that_is_as_expected_gives_the_share_of_the_time(clock):
 
 
 def test_a_machine_of_another_pace_is_known_after_one_piece(clock):
-    """Three times as slow: of the stage itself, of a later one, and of one whose work changes on the way."""
+    """Three times as slow: in the stage itself, in a later one, and in one whose work changes on the way."""
     run = Run(clock, {"a": 40.0, "b": 10.0, "c": 1.0})
     run.stage("a", 8, 15.0)
     run.forecast.expect("c", 20.0)
@@ -208,7 +208,7 @@ def test_a_machine_of_another_pace_is_known_after_one_piece(clock):
 
 
 def test_a_pace_can_be_found_afresh(clock):
-    """A stage that took ten times as long as expected says nothing of those after it."""
+    """After `afresh` a stage that took ten times as long as expected does not affect later stages."""
     run = Run(clock, {"a": 10.0, "b": 50.0})
     run.stage("a", 2, 50.0)
     run.forecast.at("a", "", 2, 2)
@@ -219,7 +219,7 @@ def test_a_pace_can_be_found_afresh(clock):
 
 
 def test_a_first_piece_that_waits_counts_less_beside_what_is_assumed(clock):
-    """10 s beside 10 s that count as expected: the pace is 2 behind the first second of work, not 11."""
+    """With 10 s that count as expected, the pace after the first second of work is 2, not 11."""
     run = Run(clock, {"a": 1.0, "b": 100.0})
     run.stage("a", 1, 9.0)
     run.forecast.at("a", "", 1, 1)
@@ -230,7 +230,7 @@ def test_a_first_piece_that_waits_counts_less_beside_what_is_assumed(clock):
 
 
 def test_what_a_stage_has_done_when_it_begins_says_nothing_of_the_pace(clock):
-    """As that of a run that goes on: 60 of 80 pieces are there, of one second each; 20 are left of two each."""
+    """In a resumed run 60 of 80 pieces of one second are done at the start; the remaining 20 take two seconds each."""
     run = Run(clock, {"a": 10.0, "b": 80.0})
     run.stage("a", 10, 2.0)
     for done in range(60, 80):
@@ -249,7 +249,7 @@ def test_more_work_than_was_expected_is_told_as_soon_as_it_is_known(clock):
 
 
 def test_a_run_that_goes_back_tells_the_time_of_what_comes_again(clock):
-    """Two stages, and both once more: after the return the share is that of the whole run."""
+    """Two stages, and both again: after the return the share is that of the whole run."""
     run = Run(clock, {"a": 40.0, "b": 10.0})
     for _ in range(2):
         run.stage("a", 8, 5.0)
@@ -260,7 +260,7 @@ def test_a_run_that_goes_back_tells_the_time_of_what_comes_again(clock):
 
 
 def test_a_stage_that_comes_out_of_turn_is_not_done_twice(clock):
-    """A later stage first, then the one before it, which begins for the first time."""
+    """A later stage first, then an earlier one, which begins for the first time."""
     run = Run(clock, {"a": 40.0, "b": 10.0})
     run.stage("b", 2, 5.0)
     run.stage("a", 8, 5.0)
@@ -268,7 +268,7 @@ def test_a_stage_that_comes_out_of_turn_is_not_done_twice(clock):
 
 
 def test_a_stage_without_pieces_that_takes_longer_has_a_tenth_of_that_left(clock):
-    """Of 10 s and 20 s that are expected; a remark tells the time, too."""
+    """Expected are 10 s and 20 s; a remark also prints the time."""
     run = Run(clock, {"a": 10.0, "b": 20.0})
     for now, tell in ((0.0, "at"), (4.0, "at"), (40.0, "at"), (60.0, "note")):
         clock.now = run.begin + now

@@ -1,4 +1,4 @@
-"""What a fingerprint covers: everything that decides numbers, each text by itself."""
+"""A fingerprint covers everything that determines numbers, each text separately."""
 
 import numpy as np
 import pytest
@@ -54,7 +54,7 @@ def test_every_file_of_code_counts(changed, tmp_path, monkeypatch):
     assert after != before
 
 
-# Of each kind of file whose run is resumed: what it takes for granted, as (text, other text), each by itself.
+# For each kind of resumable run its inputs, as (file, text, other text), each changed separately.
 OUTER = """
 format = 1
 name = "pair"
@@ -117,7 +117,7 @@ STUDY_CHANGES = [
 
 
 def marks_of(folder, texts, changes, mark):
-    """The fingerprint of the files as they are, and after each of the changes alone."""
+    """The fingerprint of the unchanged files, and after each of the changes alone."""
     found = []
     for file, old, new in [("study.toml", "", ""), *changes]:
         for name, text in texts.items():
@@ -139,7 +139,7 @@ def test_a_study_is_another_when_it_or_its_device_changes(tmp_path):
 
 
 def test_designs_are_kept_for_another_search_of_the_same_device_alone(tmp_path):
-    """Bounds, start and refinement of the search are no part of a design: the refinement is kept with each."""
+    """Bounds, start and refinement of the search do not belong to a design; each design records its refinement."""
 
     def mark(folder):
         return problem_fingerprint(read_design_problem(folder / "study.toml"))

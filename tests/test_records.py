@@ -1,4 +1,4 @@
-"""Manners of data objects and results: one line as text, plain Python, pickles, copies, points of any shape."""
+"""Properties of data objects and results: one line as text, plain Python, pickles, copies, points of any shape."""
 
 import copy
 import importlib
@@ -30,7 +30,7 @@ def coils():
 
 
 def same(one, other):
-    """Equal to the last bit, all the way down."""
+    """Equal to the last bit, recursively."""
     if isinstance(one, np.ndarray):
         return np.array_equal(one, other)
     if is_dataclass(one):
@@ -68,7 +68,7 @@ def test_text_of_devices_is_one_short_line(name):
 
 @pytest.mark.parametrize("name", ["eight_coils", "drive_unit"])
 def test_the_picture_of_a_device_fits_its_frame(name):
-    """Every corner lies in its view, and the views touch their margins: one scale for both."""
+    """Every corner is in its view, and the views touch their margins, with one scale for both."""
     device = fm.read_device(name)
     html = device._repr_html_()
     outlines = re.findall(r"points='([^']*)'", html)
@@ -155,8 +155,7 @@ def test_points_that_are_none(points):
 
 PLAIN_TYPES = {bool, int, float, bool | None, int | None, float | None}
 PLAIN_TYPES |= {"bool", "int", "float", "bool | None", "int | None", "float | None"}
-# Texts of messages, which say what they have to; keys of file formats that pydantic reads; data that change; the
-# parts of an inverse.
+# Texts of messages; keys of file formats, read by pydantic; data that change; the parts of an inverse.
 NOT_RECORDS = {
     "AtKey",
     "Problem",
@@ -175,7 +174,7 @@ NOT_RECORDS = {
 
 
 def public_classes():
-    """Every class of the package without an underscore, but for what compiled code takes, and commands."""
+    """Every public class of the package, except those for compiled code and commands."""
     for found in pkgutil.walk_packages(fm.__path__, "fieldmap."):
         if not found.name.endswith("__main__") and found.name.split(".")[1] not in ("core", "kernels", "cli"):
             module = importlib.import_module(found.name)
@@ -185,7 +184,7 @@ def public_classes():
 
 
 def test_every_data_class_and_named_tuple_is_one_short_line():
-    """Text of at most 400 characters, and plain Python, for whatever a public function may return."""
+    """A text of at most 400 characters, and plain Python, for all possible results of public functions."""
     long, not_plain, count = [], [], 0
     for one in public_classes():
         tuple_of = getattr(one, "__annotations__", {}) if issubclass(one, tuple) else {}
@@ -196,7 +195,7 @@ def test_every_data_class_and_named_tuple_is_one_short_line():
         shown = next(base for base in one.__mro__ if "__repr__" in vars(base))
         own = shown in (Record, Field, FieldAtCurrents) or not getattr(shown, "__dataclass_params__", None)
         own |= is_dataclass(shown) and not shown.__dataclass_params__.repr
-        own &= vars(shown)["__repr__"].__module__ != "collections"  # that of a named tuple
+        own &= vars(shown)["__repr__"].__module__ != "collections"  # not a named tuple's
         if not own and not set(types) <= PLAIN_TYPES:
             long.append(one)
         if is_dataclass(one) and not issubclass(one, Field | FieldAtCurrents | Record):
@@ -207,7 +206,7 @@ def test_every_data_class_and_named_tuple_is_one_short_line():
 
 
 def test_what_holds_arrays_equals_itself_alone():
-    """numpy compares arrays number by number, so that comparing all fields raises an error, and so does a hash."""
+    """numpy compares arrays element by element, so comparing or hashing all fields would raise an error."""
     holding = [
         one
         for one in public_classes()
@@ -221,7 +220,7 @@ def test_what_holds_arrays_equals_itself_alone():
 
 
 def walked(thing, seen, depth=0):
-    """The objects of the package in a result, all the way down."""
+    """The objects of the package in a result, recursively."""
     if id(thing) in seen or depth > 8:
         return
     seen[id(thing)] = thing
@@ -241,7 +240,7 @@ def walked(thing, seen, depth=0):
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
-    """What the main functions return, by their names: of coils alone, and of iron where it is small."""
+    """Results of the main functions by name, for coils alone and for small iron bodies."""
     from fieldmap import control, dynamics, levitation, studies
     from fieldmap.io import find_source
     from fieldmap.io.answers import floating, probe

@@ -1,4 +1,4 @@
-"""A version has one number; what is built holds what it should; workflow files call what there is."""
+"""A version has one number; built archives hold the right files; workflow files call existing commands."""
 
 import re
 import tomllib
@@ -43,7 +43,7 @@ def test_every_requirement_has_a_lower_bound():
 
 
 def test_pinned_versions_take_the_oldest_python_that_the_package_takes():
-    """By what they say themselves, where they are installed in the version that is pinned."""
+    """By their own metadata, if installed in the pinned version."""
     oldest = PROJECT["requires-python"].removeprefix(">=") + ".0"
     pinned = dict(re.findall(r"^([\w.-]+)==(\S+)$", read("constraints.txt"), re.MULTILINE))
     pinned = {re.sub(r"[-_.]+", "-", name).lower(): version for name, version in pinned.items()}

@@ -1,4 +1,4 @@
-"""What works with the core alone, and what is said where an extra is missing, in processes of their own."""
+"""Functions that work with the core alone, and messages for a missing extra, in subprocesses."""
 
 import json
 import os
@@ -116,7 +116,7 @@ answer = [main(words.split()) for words in sys.argv[1:]]
 
 
 def result_with(extras, program, folder, *arguments):
-    """What the program leaves in `answer`, in a process that has only these extras; and all that it prints."""
+    """`answer` after the program, in a subprocess with only these extras; and all printed text."""
     whole = (
         "import json, sys\nfrom only_these import only\n"
         f"only(*{extras!r})\n{program}\nprint(); print(json.dumps(answer))"
@@ -126,7 +126,7 @@ def result_with(extras, program, folder, *arguments):
         capture_output=True,
         text=True,
         cwd=folder,
-        # Not as `tests.only_these`: packages have been installed that bring a `tests` of their own.
+        # Not `tests.only_these`, because some installed packages bring their own `tests`.
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")])},
     )
     assert done.returncode == 0, done.stderr
@@ -159,8 +159,8 @@ def test_the_core_is_three_libraries_and_what_pins_their_threads():
 
 @pytest.fixture(scope="module")
 def core_alone(tmp_path_factory):
-    """What a map gives, what the entries say, what the command ends with, and all that is printed: in one process, most
-    of whose time is that of loading the package."""
+    """The map's results, the messages of the entry points, exit codes, and printed text: in one subprocess, because
+    loading the package takes most of the time."""
     program = f"{ASK}\nused = answer\n{ENTRIES}\ntold = answer\n{COMMANDS}\nanswer = used, told, answer"
     (used, told, codes), printed = result_with(
         (), program, tmp_path_factory.mktemp("core"), "check drive_unit"
@@ -176,7 +176,7 @@ def test_maps_are_asked_with_the_core_alone(core_alone):
 
 def test_a_magnet_floats_with_the_extra_for_levitation(tmp_path):
     found, _ = result_with(("levitation",), USE, tmp_path)
-    # At the place where it floats the force of the map is the weight, upward.
+    # At the equilibrium the map's force is the weight.
     assert found["wrench"][2] == pytest.approx(found["weight"], rel=1e-6)
     assert np.abs(found["wrench"][:2]).max() < 1e-6 * found["weight"]
     assert found["event"] is None

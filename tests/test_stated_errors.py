@@ -1,4 +1,4 @@
-"""Stated errors and covariances of made-up numbers, against the textbook: the largest is no mean, n - p is not n."""
+"""Stated errors and covariances of made-up numbers, against textbook formulas; largest is not mean, n - p is not n."""
 
 from types import SimpleNamespace
 
@@ -63,12 +63,12 @@ def assert_textbook(found, columns, left, known=2):
     np.testing.assert_allclose(found.covariance, exact, rtol=2e-4, atol=2e-4 * np.abs(exact).max())
     np.testing.assert_allclose(found.standard_errors[:known], np.sqrt(np.diag(exact)), rtol=2e-4)
     assert found.residual_rms == pytest.approx(np.sqrt(variance), rel=1e-4)
-    # n in the place of n - p would show.
+    # n instead of n - p would be noticed.
     assert degrees < 0.97 * len(left)
 
 
 def test_covariance_of_the_modified_least_squares_of_eight_samples():
-    """Of the regression of both records through 1/A, where A is what it finds: seven equations, two coefficients."""
+    """The regression of both records filtered by 1/A, with A the result: seven equations, two coefficients."""
     y, u = record(-0.6, 1.0, 0.01, 8)
     found = modified_least_squares(y, u, Orders(poles=1, zeros=0), 1e-3, tolerance=1e-10)
     b, a = found.model.numerator, found.model.denominator
@@ -78,7 +78,7 @@ def test_covariance_of_the_modified_least_squares_of_eight_samples():
 
 
 def test_covariance_of_the_generalised_least_squares():
-    """Of the regression of both records through D, autoregressive of what the coefficients leave."""
+    """The regression of both records filtered by D, the autoregression of the residuals."""
     y, u = record(-0.6, 1.0, 0.05, 14)
     found = generalised_least_squares(y, u, Orders(poles=1, zeros=0), 1e-3, noise_order=1, tolerance=1e-10)
     theta = np.array([found.model.denominator[1], found.model.numerator[0]])
@@ -90,7 +90,7 @@ def test_covariance_of_the_generalised_least_squares():
 
 
 def test_covariance_of_armax():
-    """Slopes of the errors of e_n = y_n + a y_(n-1) - b u_(n-1) - c e_(n-1), by differences; three coefficients."""
+    """Slopes of the errors e_n = y_n + a y_(n-1) - b u_(n-1) - c e_(n-1), by differences; three coefficients."""
     y, u = record(-0.6, 1.0, 0.05, 52)
     found = armax(y, u, Orders(poles=1, zeros=0), 1e-3)
 
@@ -110,7 +110,7 @@ def test_covariance_of_armax():
 
 
 def test_covariance_of_the_indirect_way():
-    """u = K (r - y): of the instruments, which are what the model makes of r, through 1 / (A + K B)."""
+    """u = K (r - y): with instruments, the model's response to r, filtered by 1 / (A + K B)."""
     gain, a, b = 0.5, -0.6, 1.0
     rng = np.random.default_rng(2)
     r, y, seen = rng.choice([-1.0, 1.0], 16), np.zeros(16), np.zeros(16)
@@ -146,7 +146,7 @@ def test_deviations_of_a_fitted_step_response():
 
 
 def test_a_fit_of_two_tables_predicts_a_third():
-    """Straight lines p + q t: deviations of each reading, one not read, a prior of q."""
+    """Straight lines p + q t: a deviation for each reading, a missing reading, a prior of q."""
     first, second, third = np.array([0.0, 1.0, 2.0, 3.0]), np.array([4.0, 6.0]), np.array([10.0, 20.0])
     read = np.array([1.0, np.nan, 3.5, 3.9])
     tables = [
@@ -211,7 +211,7 @@ def test_differences_of_a_log_and_a_run():
 
 
 def test_metrics_of_a_run_of_four_samples():
-    """Depth is read downward from 50 mm; what is seen is 1 mm further off than what is true."""
+    """Depth is read downward from 50 mm; the measured position is 1 mm farther off than the true one."""
     true = np.array([[2.0, 0, -52.0], [-1.0, 0, -55.0], [-4.0, 3, -49.0], [1.0, 0, -48.0]])
     currents = np.array([[0.5, -3.0], [1.0, 0.0], [2.0, -1.0], [0.0, 1.0]])
     run = SimpleNamespace(
@@ -245,7 +245,7 @@ def test_metrics_of_a_run_of_four_samples():
 
 
 def test_a_root_mean_square_over_runs_is_that_of_all_samples():
-    """3 and 4 of equal runs: the root of 25 / 2, not 3.5."""
+    """3 and 4 in runs of equal length: the root of 25 / 2, not 3.5."""
     assert over_runs([3.0, 4.0]) == pytest.approx(np.sqrt(12.5))
     unsettled = [SimpleNamespace(steady_rms=left, settling_time=np.inf) for left in (3.0, 4.0)]
     runs = [SimpleNamespace(event="", axes=[SimpleNamespace(step=step)] * 3) for step in unsettled]
@@ -271,7 +271,7 @@ def test_a_root_mean_square_over_runs_is_that_of_all_samples():
 
 @pytest.mark.parametrize(("flux", "gradient", "asked"), [(0.0262, 0.01, 0.014), (0.0262, 0.0724, 0.019)])
 def test_the_accuracy_that_a_refused_map_may_ask_for_is_reached(tmp_path, flux, gradient, asked):
-    """Twice the accuracy of B and four times that of the gradient are allowed; the least of two digits."""
+    """Twice the accuracy of B, four times that of the gradient are allowed; the smallest value of two digits."""
     tried = {"at random": {"flux_density_share": flux, "gradient_share": gradient, "states": 6}}
     about = {"states_tried": tried, "held_out_within": 2e-3}
     plan = Plan(accuracy=1e-3, states=4096, modes=20, points=60, fields=4, held_out=2, tolerance=1e-3)
@@ -283,7 +283,7 @@ def test_the_accuracy_that_a_refused_map_may_ask_for_is_reached(tmp_path, flux, 
 
 
 def test_the_part_to_blame_is_the_largest_and_the_fields_take_what_is_left():
-    """Largest error 0.05 of B; states, points and condensation make 0.02, 0.004 and 0.003: 0.023 is left."""
+    """The largest error is 0.05 of B; states, points and condensation are 0.02, 0.004, 0.003, so 0.023 is left."""
     tried = {
         "at random": {"flux_density_share": 0.01, "gradient_share": 0.02, "states": 2},
         "at extremes": {"flux_density_share": 0.03, "gradient_share": 0.1, "states": 4},
@@ -298,7 +298,7 @@ def test_the_part_to_blame_is_the_largest_and_the_fields_take_what_is_left():
 
 
 def test_covariance_of_known_deviations_of_six_readings():
-    """(J^T J)^-1, slopes over the deviations: no share of what is left."""
+    """(J^T J)^-1 with slopes over deviations, not scaled by the residuals."""
     slopes = np.array([[1.0, 0.2], [0.5, -1.0], [2.0, 0.3], [0.1, 0.4], [-1.0, 2.0], [0.7, 0.7]])
     covariance, indistinct, alike = _covariance(slopes, np.array([1.0, 3.0]), ("a", "b"))
     np.testing.assert_allclose(covariance, np.linalg.inv(slopes.T @ slopes), rtol=1e-10)
@@ -322,7 +322,7 @@ def harmonic_rows(points):
 
 
 def test_errors_of_a_measured_map(monkeypatch):
-    """20 readings of three components, 8 coefficients; the standard error at the node where it is largest."""
+    """20 readings of three components, 8 coefficients; the standard error at the worst node."""
     rng = np.random.default_rng(0)
     points = rng.uniform(-0.01, 0.01, (20, 3))
     rows = harmonic_rows(points)
@@ -346,7 +346,7 @@ def test_errors_of_a_measured_map(monkeypatch):
 
 
 def test_errors_of_a_model_are_the_largest_of_all_states():
-    """Two states at two points: differences of 1 and 4 uT of 1 and 2 mT, gradients ten times these."""
+    """Two states at two points: differences of 1 and 4 uT from 1 and 2 mT, gradients ten times these."""
     own = np.array([[[1e-3, 0, 0], [0, 0, 0]], [[0, 2e-3, 0], [1e-3, 0, 0]]])
     off = np.array([[[0, 1e-6, 0], [0, 0, 0]], [[0, 0, 0], [0, 0, -4e-6]]])
 
@@ -370,7 +370,7 @@ def test_errors_of_a_model_are_the_largest_of_all_states():
 
 @pytest.mark.parametrize("beyond", [False, True])
 def test_a_bound_is_that_of_the_worst_cell(beyond):
-    """Cells without any difference beside it change nothing, and the fields' bounds add up by their scales."""
+    """Cells with smaller differences change nothing; the bounds of the fields add up with their scales."""
     degree = error_bound.FACE_DEGREE + 3
     terms = (degree + 1) ** 2
     one = np.random.default_rng(1).normal(size=(terms, 1, 2))
@@ -394,7 +394,7 @@ def test_a_bound_is_that_of_the_worst_cell(beyond):
 
 
 def test_a_sampled_error_is_that_of_the_worst_point():
-    """Of two fields with scales 1 and 2: 3 + 2 x 1 at the second point."""
+    """Two fields with scales 1 and 2: 3 + 2 x 1 at the second point."""
     zero = np.zeros((2, 3)), np.zeros((2, 3, 3))
     flux = np.array([[[1.0, 0, 0], [0, 3.0, 0]], [[0, 0, 0], [0, 0, 1.0]]])
     slope = 10 * np.repeat(flux[..., None], 3, axis=3) / np.sqrt(3)

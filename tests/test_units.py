@@ -1,4 +1,4 @@
-"""Every table of units against the SI: a unit is parsed from its name, and must have that size and that dimension."""
+"""Every table of units against the SI: each unit is parsed from its name, and must have that size and dimension."""
 
 import re
 
@@ -18,7 +18,7 @@ from fieldmap.studies.quantities import QUANTITIES as OF_STUDIES
 BASE = ("m", "kg", "s", "A", "K", "mol", "cd", "rad")
 """The bases of openPMD's unitDimension in their order, and the angle, a base of FMI."""
 
-# From their definitions (SI brochure, 9th edition, table 4): what they are products of.
+# By their definitions as products (SI brochure, 9th edition, table 4).
 DERIVED = {
     "Hz": "s-1",
     "N": "kg m s-2",
@@ -37,7 +37,7 @@ OTHERS = {
     "deg": (np.pi / 180.0, "rad"),
     "%": (1e-2, "1"),
     "1": (1.0, ""),
-    # Keys in degrees Celsius stay in them: kelvins beside a zero that is stated.
+    # Keys in degrees Celsius are not converted: kelvins from a stated zero.
     "degC": (1.0, "K"),
 }
 OTHERS |= {"in": (0.0254, "m"), "G": (1e-4, "T"), "Oe": (1e3 / (4.0 * np.pi), "A m-1")}
@@ -71,7 +71,7 @@ def symbol(name):
 
 
 def test_units_are_parsed():
-    """Against units of which the size is known: 1 g mm^2 = 1e-9 kg m^2, 1 T/m = 1 kg s^-2 A^-1 m^-1."""
+    """Against units of known size: 1 g mm^2 = 1e-9 kg m^2, 1 T/m = 1 kg s^-2 A^-1 m^-1."""
     assert si("g_mm2")[0] == pytest.approx(1e-9)
     assert si("uT")[0] == pytest.approx(1e-6)
     assert dict(zip(BASE, si("T_per_m")[1].tolist(), strict=True)) | {"rad": 0} == {

@@ -71,7 +71,7 @@ def probe(
             answer = answers.probe(found, points, amperes, magnet, turns)
         except OutsideMapError as error:
             remedy = "--at is in m, --at-mm in mm" if at else "stay in the box, or make a larger map"
-            # The other problems are about currents.
+            # Other problems concern the currents.
             told = (replace(p, remedy=remedy) if p.where == "points" else p for p in error.problems)
             raise OutsideMapError(*told) from None
     if json:
@@ -82,7 +82,7 @@ def probe(
 
 
 def _both_magnets(moment: str | None, payload_of: str | None) -> list[Problem]:
-    """What is wrong where both --moment and --payload-of name the magnet."""
+    """The problem if both --moment and --payload-of name the magnet."""
     must_hold, received = "must not come with --moment", f"--moment {moment}"
     both = Problem("--payload-of", must_hold, received, "leave one of them out")
     return [both] if moment and payload_of else []
@@ -185,7 +185,7 @@ def currents(
         if lift:
             payload = options.payload_of_option(found, payload_of)
             asked["force"] = lift_force(payload, len(found.coil_names))
-            # Three components of a force and two of a direction.
+            # Five coils for three components of a force and two of a direction.
             steered = payload is not None and not payload.pieces and len(found.coil_names) >= 5
             if payload is not None and steered and payload.turning == "free":
                 asked.setdefault("direction", np.sign(payload.moment_vector))

@@ -1,4 +1,4 @@
-"""The commands of the program, and how their help looks."""
+"""The commands of the program, and the layout of their help."""
 
 import inspect
 from collections.abc import Callable
@@ -34,7 +34,7 @@ DEVICES, MAPS, MAGNETS, STUDIES = "Machines", "Maps", "Levitated magnets", "Stud
 
 
 def _without_metavar(parameters: "list[CoreParameter]") -> "list[CoreParameter]":
-    """The parameters; a flag takes no value, so the help names none."""
+    """The parameters, without a metavar for flags, which take no value."""
     for parameter in parameters:
         if getattr(parameter, "is_flag", False):
             parameter.metavar = ""
@@ -56,7 +56,7 @@ class Command(TyperCommand):
         return _without_metavar(super().get_params(ctx))
 
     def parse_args(self, ctx: "CoreContext", args: list[str]) -> list[str]:
-        """Raises InputError for an option of one value that is given several times: only the last would count."""
+        """Raises InputError for a repeated option of one value, of which only the last would count."""
         *_, given = self.make_parser(ctx).parse_args(list(args))
         once = [
             one for one in given if not (getattr(one, "multiple", False) or getattr(one, "is_flag", False))
@@ -74,7 +74,7 @@ class Command(TyperCommand):
 
 
 class Group(TyperGroup):
-    """The program itself, likewise."""
+    """The program itself, with the same layout of its help."""
 
     def get_params(self, ctx: "CoreContext") -> "list[CoreParameter]":
         """The parameters, --help among them."""
@@ -82,7 +82,7 @@ class Group(TyperGroup):
 
 
 class Entry(NamedTuple):
-    """A command: what it calls, whose docstring is its help, the part of the list of commands, its line there."""
+    """A command: its function, whose docstring is the help; the section of the list of commands; and its line there."""
 
     call: Callable[..., None]
     part: str
@@ -131,7 +131,7 @@ def application() -> TyperGroup:
     )
     commands.callback()(_common)
     for name, entry in COMMANDS.items():
-        # Words in square brackets are no markup.
+        # Words in square brackets must not become markup.
         text, example = map(escape, described(entry.call))
         about: dict[str, Any] = {"help": text, "short_help": entry.line, "epilog": example}
         commands.command(name=name, cls=Command, rich_help_panel=entry.part, **about)(entry.call)
@@ -185,5 +185,5 @@ def _common(
         log_to_stderr()
     if log is not None:
         log_to_file(log)
-    # After the options: a log takes over all warnings.
+    # After the options, because a log also redirects warnings.
     context.with_resource(map_warnings_as_lines())

@@ -22,7 +22,7 @@ _LISTS = (
     "--torque",
 )
 _NUMBERS = re.compile(r"[-+]?(\d|\.\d|nan|inf)[\d.,eE+\- ]*,?", re.IGNORECASE)
-# "left=1.5,right=-2", or one of them with others behind it.
+# "left=1.5,right=-2", one or more of them.
 _NAMED = re.compile(r"[^-=,][^=,]*=[-+.\d][^=,]*(,[^=,]+=[-+.\d][^=,]*)*,?")
 
 
@@ -50,8 +50,8 @@ def _takes(option: str, word: str) -> bool:
 
 
 def parse_currents(texts: list[str], coil_names: tuple[str, ...], option: str = "--currents") -> Array:
-    """Currents (n_coils,), A, from the values of an option: one per coil, one for every coil, or NAME=A for those
-    that carry one, and none in the others.
+    """Currents (n_coils,), A, from the values of an option: one per coil, one for every coil, or NAME=A with no
+    current in coils that are not named.
 
     >>> parse_currents(["5=1,-2"], ("5", "6"))
     Traceback (most recent call last):
@@ -118,7 +118,7 @@ def parse_moment(text: str) -> Array:
 
 
 def parse_wanted(text: str, option: str, unit: str) -> Array:
-    """What is asked for (3,), from the value of an option; NaN for a component that is free.
+    """A demand (3,) from the value of an option; NaN for a free component.
 
     >>> parse_wanted("nan 0 0.1", "--force", "N")
     array([nan, 0. , 0.1])
@@ -168,8 +168,8 @@ def parse_settings(texts: list[str] | None, example: str = "parameters.gap=120")
 
 
 def parse_variations(texts: list[str] | None, fixed: Container[str] = ()) -> dict[str, list[object]]:
-    """Values by key from the values KEY=A,B,... of `--vary`, otherwise as `parse_settings`; of a key that `--set` has
-    not fixed.
+    """Values by key from the values KEY=A,B,... of `--vary`, otherwise as `parse_settings`. Raises InputError for a key
+    that `--set` fixes.
 
     >>> parse_variations(["control.z.Kc=0.2,0.5", "control.z.Td_s=0.03,0.05"])
     {'control.z.Kc': [0.2, 0.5], 'control.z.Td_s': [0.03, 0.05]}
@@ -199,7 +199,7 @@ def _toml_value(text: str) -> object:
     try:
         value: object = tomllib.loads(f"v = {text}")["v"]
     except ValueError:
-        # No TOML, or a whole number of more digits than Python reads.
+        # Not TOML, or an integer with more digits than Python reads.
         return text
     return value
 
@@ -207,7 +207,7 @@ def _toml_value(text: str) -> object:
 def parse_pairs(
     texts: list[str] | None, option: str, form: str, example: str
 ) -> tuple[dict[str, str], list[Problem]]:
-    """Two words around the last =, and what is wrong with the texts that are not.
+    """Pairs of words around the last = of each text, and problems for texts without =.
 
     >>> parse_pairs(["ch 1=mm"], "--unit", "NAME=UNIT", "depth=mm")
     ({'ch 1': 'mm'}, [])
@@ -222,7 +222,7 @@ def parse_pairs(
 
 
 def positive_problems(option: str, value: float | None, remedy: str) -> list[Problem]:
-    """What is wrong with a number that must be positive. Nothing if it was not given."""
+    """Problems of a number that must be positive; none if it was not given."""
     if value is None or 0.0 < value < float("inf"):
         return []
     return [Problem(option, "must be a positive number", f"{value}", remedy)]

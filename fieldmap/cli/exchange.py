@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from fieldmap.io import IronOptions
     from fieldmap.lookup import FieldMap, MapAtCurrents
 
-# The options that each format takes.
+# Format -> its options.
 FORMATS = {
     "c": ("--kind", "--currents", "--outside"),
     "c32": ("--kind", "--currents", "--outside"),
@@ -33,7 +33,7 @@ FORMATS = {
     "mag-manip": ("--currents", "--spacing-mm"),
     "vti": ("--currents", "--spacing-mm"),
 }
-# What each is called among the formats of outputs.
+# Format -> its name in `fieldmap.store.output_formats`.
 WRITTEN = {
     "c": "map for C",
     "c32": "C header",
@@ -214,7 +214,7 @@ def _unit(
     driven: str | None,
     sources: bool,
 ) -> Path:
-    """The unit of FMI with the magnet of `--moment`, or with the payload of a device inside, and the drive of one."""
+    """Write the FMU with the magnet of `--moment`, or with the payload of a device inside, and a device's drive."""
     from fieldmap.device import read_device
     from fieldmap.interop import write_fmu
 

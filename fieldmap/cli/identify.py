@@ -104,7 +104,7 @@ def identify(
     page.print_result(found, partial(_page, log, recognised), json, log=log)
 
 
-# What of a log is stated by which option.
+# Property of a log -> the option that states it.
 _GIVEN_BY = {
     **{"delimiter": "--delimiter", "units": "--unit", "input": "--from", "output": "--to"},
     **{"reference": "--reference", "time": "--time"},
@@ -113,7 +113,7 @@ _GIVEN_BY = {
 
 @contextmanager
 def _collected(problems: list[Problem]) -> Iterator[None]:
-    """Inside, the problems of an InputError are kept for later."""
+    """Context that collects the problems of an InputError in the list."""
     try:
         yield
     except InputError as error:

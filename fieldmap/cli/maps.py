@@ -144,7 +144,7 @@ def _page_of_many(made: ManyMaps) -> Iterator[page.Section]:
 
 
 def _tell_what_is_missing(path: Path) -> None:
-    """States that failed, and an accuracy that is not reached."""
+    """Print failed states, and an accuracy that was not reached."""
     from fieldmap.store import read_info, warn_of_missed_accuracy
 
     report = read_info(path).provenance.solver_report
@@ -235,7 +235,7 @@ def _cost(solver: Mapping[str, Any]) -> str:
         f"{solver['states_solved']} states in {solver['generation_seconds'] / 60:.1f} minutes, "
         f"{solver['generation_processor_seconds'] / 60:.1f} of processor time"
     )
-    # Maps of earlier versions, and those made on Windows, do not say.
+    # Maps of earlier versions, and maps made on Windows, do not record it.
     peak = solver.get("generation_peak_memory_bytes")
     return words if peak is None else f"{words}, {peak / 1e9:.1f} GB of memory"
 
@@ -263,7 +263,7 @@ def _currents(summary: MapSummary) -> str:
 
 
 def _middle(summary: MapSummary) -> str:
-    """Of a map over currents: at its reference currents."""
+    """Words for a map over currents, whose values are at the reference currents."""
     from fieldmap.io.accuracy_words import reference_words
 
     middle = summary.middle
@@ -302,7 +302,7 @@ def _solver_words(solver: Mapping[str, object]) -> list[str]:
     for key, text in (("tetrahedra", "tetrahedra"), ("surface_faces", "surface faces")):
         if key in solver:
             words.append(f"{solver[key]:,} {text}".replace(",", " "))
-    # Of a reduced model these are of its mesh alone; the line of the cost says all.
+    # For a reduced model these are the seconds of its mesh alone; the line of the cost has all.
     seconds = solver.get("seconds")
     if isinstance(seconds, Mapping) and "generation_seconds" not in solver:
         words.append(f"{sum(seconds.values()):.0f} s")

@@ -1,4 +1,4 @@
-"""What stands on stderr and in the log of a command: problems, warnings of maps, and every step."""
+"""Output of a command on stderr and in its log: problems, warnings of maps, and every step."""
 
 import logging
 import re
@@ -22,7 +22,7 @@ from fieldmap.records import count_of
 LOG = logging.getLogger("fieldmap")
 # Without this handler, logging itself would print an error a second time.
 LOG.addHandler(logging.NullHandler())
-# Who waits for workers shall see it without a log, too.
+# Waiting for workers is reported without a log, too.
 logging.getLogger("fieldmap.parallel").addHandler(logging.lastResort or logging.NullHandler())
 _STYLE = logging.Formatter("%(asctime)s %(levelname)-7s %(message)s")
 _INDENT = 10
@@ -37,7 +37,7 @@ def begin_log(words: list[str]) -> None:
 
 
 def log_to_file(path: Path) -> None:
-    """Write what follows to the end of a file; InputError if it cannot be written, or is no log."""
+    """Append later messages to a file. Raises InputError if it cannot be written or is not a log."""
     from fieldmap.store.output_formats import output_problems
 
     raise_all(output_problems("--log", path, ["log"]))
@@ -50,12 +50,12 @@ def log_to_file(path: Path) -> None:
 
 
 def log_to_stderr() -> None:
-    """Write what follows to stderr."""
+    """Write later messages to stderr."""
     _log_to(logging.StreamHandler(sys.stderr))
 
 
 def close_log() -> None:
-    """End what `log_to_file` and `log_to_stderr` began."""
+    """Close the logs of `log_to_file` and `log_to_stderr`."""
     for handler in LOG.handlers[1:]:
         LOG.removeHandler(handler)
         handler.close()
@@ -75,7 +75,7 @@ def _log_to(handler: logging.Handler) -> None:
 
 @contextmanager
 def resumable(title: str) -> Iterator[Progress]:
-    """Progress of work that the same command continues; a message says so when somebody stops it."""
+    """Progress of work that can be continued by the same command; an interruption prints a message that says so."""
     try:
         with Progress(title, compiles=True, timed=True) as progress:
             yield progress
@@ -86,8 +86,8 @@ def resumable(title: str) -> Iterator[Progress]:
 
 @contextmanager
 def map_warnings_as_lines() -> Iterator[None]:
-    """Inside, the warnings of the package are printed as one line, once for each text, and logged; others are as
-    before."""
+    """Context in which warnings of the package are printed as one line, once for each text, and logged; other warnings
+    are not changed."""
     ours = (MapAccuracyWarning, UnusualValueWarning)
     with warnings.catch_warnings():
         for category in ours:
@@ -129,10 +129,10 @@ def print_problems(error: FieldmapError) -> None:
 def print_as_json(error: FieldmapError) -> None:
     """Print an error on stdout, where programs look for the result.
 
-    The object has the error's name, exit code and problems. Where they are known it also has what can be had in the
-    place of what was asked for (`fieldmap.errors.Infeasible`), or what was reached (`MapErrorTooLarge`).
+    The object has the error's name, exit code and problems, and if known also the reachable result
+    (`fieldmap.errors.Infeasible`) or the reached accuracy (`MapErrorTooLarge`).
     """
-    # Not by `fieldmap.cli.page`: the error may be that rich is missing.
+    # Without `fieldmap.cli.page`, because the error may be that rich is missing.
     from fieldmap.plain import plain
 
     about = {"error": type(error).__name__, "message": str(error), "exit_code": error.exit_code}
@@ -156,7 +156,7 @@ def _line_of_file(where: str) -> list[str]:
 
 def _entry(label: str, text: str, bold: bool = False) -> str:
     head = f"{label:<{_INDENT}}"
-    # Programs that read stderr get each entry on one line without colour; people get long lines folded.
+    # Without a terminal each entry is one line without colour, for programs; a terminal folds long lines.
     if not sys.stderr.isatty():
         return head + str(text)
     width, space = min(shutil.get_terminal_size().columns, _WIDEST), " " * _INDENT

@@ -122,22 +122,22 @@ def output(text: str) -> Any:
 
 
 class Writes(NamedTuple):
-    """Marks the parameter of a command that names what it writes.
+    """Marks the parameter of a command that names an output.
 
-    formats: names in `fieldmap.store.output_formats`, by which `check_outputs` checks it; none for a folder, which the
-    command checks.
+    formats: names in `fieldmap.store.output_formats` for `check_outputs`; none for a folder, which the command itself
+    checks.
     """
 
     formats: tuple[str, ...]
 
 
 def writes(*formats: str) -> Writes:
-    """The mark of a parameter that names a file to write in one of these formats, or a folder without one."""
+    """The mark of a parameter that names a file to write in one of these formats, or a folder if there are none."""
     return Writes(formats)
 
 
 def outputs_of(command: Callable[..., None]) -> dict[str, Writes]:
-    """The parameters of a command that name what it writes."""
+    """The parameters of a command that name an output."""
     marks = (
         (name, mark)
         for name, hint in get_type_hints(command, include_extras=True).items()
@@ -156,7 +156,7 @@ def check_outputs(
     command : function
         The command.
     values : mapping
-        What was given to its parameters.
+        The values of its parameters.
     option_of : mapping
         The option of each parameter, for messages.
     """
@@ -221,7 +221,7 @@ Tolerance = Annotated[float | None, iron_option("--tolerance", "NUMBER")]
 def checked_iron(
     mu_r: float | None, nonlinear: bool, refinement: float, form: str = "auto", tolerance: float | None = None
 ) -> IronOptions:
-    """The options of the iron. Raises InputError for everything that is wrong with them."""
+    """The options of the iron. Raises InputError with all problems."""
     from fieldmap.io import IronOptions
 
     problems = positive_problems("--mu-r", mu_r, "give the relative permeability")
@@ -229,7 +229,7 @@ def checked_iron(
         "--refinement", refinement, "try 1.5 for a finer mesh, 0.7 for a coarser one"
     )
     if form != IronOptions.form:
-        # Imported only for another form: lookup in a map needs no solver.
+        # Imported only for another form, because lookup in a map needs no solver.
         from fieldmap.iron.solvers.linear import FORMS
 
         if form not in FORMS:
@@ -254,7 +254,7 @@ def of_device(
 
 
 def _tolerance_problems(tolerance: float, nonlinear: bool, refinement: float, form: str) -> list[Problem]:
-    """--tolerance chooses the mesh and the form itself, and estimates the error of linear iron only."""
+    """Problems of options with --tolerance, which selects mesh and form itself, and works for linear iron only."""
     problems = []
     if not 0.0 < tolerance < 1.0:
         problems.append(Problem("--tolerance", "must lie between 0 and 1", f"{tolerance}", "try 1e-3"))
@@ -282,7 +282,7 @@ def changed_iron(options: IronOptions, changes: Mapping[str, Any]) -> list[str]:
 
 
 def refuse_iron_of_map(options: IronOptions, changes: Mapping[str, Any]) -> None:
-    """Raise InputError for options of the iron and changes of the device, which a map does not take."""
+    """Raise InputError for options of the iron or changes of the device, which a map does not accept."""
     given = ", ".join(changed_iron(options, changes))
     received, remedy = "a map, whose iron is fixed", "leave it out, or name a device"
     check(not given, given, "must go with a device", received, remedy)
@@ -298,7 +298,7 @@ def require_currents(nonlinear: bool, currents: list[str] | None, where: str = "
     currents : list of str or None
         The values of `--currents`.
     where : str
-        The option or file that makes it so.
+        The option or file that makes the answer nonlinear.
     """
     must_hold = "must come with --currents: how far iron saturates depends on them"
     remedy = "add --currents A (one number for all coils, or one per coil)"
@@ -317,7 +317,7 @@ def find_named(
 
 
 def payload_of_option(found: FieldSource, payload_of: str | None) -> Payload | None:
-    """The payload of the device that `--payload-of` names, otherwise that of the source."""
+    """The payload of the device that `--payload-of` names, otherwise the payload of the source."""
     from fieldmap.io import named_device
 
     return found.payload if payload_of is None else named_device(payload_of).payload
@@ -335,13 +335,12 @@ def magnet_of_options(
     moment, payload_of : str or None
         The values of the two options.
     needed_by : str
-        What needs the payload of the source, for the message if there is none. Empty: nothing needs it.
+        The option that needs the payload of the source, for the message if there is none; empty if none does.
 
     Returns
     -------
     array (3,), MagneticBody or None
-        A moment, A m^2, as the payload says, of a point dipole; the body of any other payload; None if no magnet was
-        asked for.
+        For a point dipole its moment, A m^2; for any other payload its body; None if no magnet was requested.
 
     Raises
     ------

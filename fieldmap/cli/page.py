@@ -1,4 +1,4 @@
-"""How results are printed: one page of headings, facts and tables for people, or JSON."""
+"""Layout of printed results: one page of headings, facts and tables, or JSON."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def print_page(*sections: Section) -> None:
             if index:
                 out.print()
             out.print(section, crop=False)
-    # Tables are padded to their width; a file or a pipe should not get the blanks.
+    # Tables are padded to their width; the trailing blanks are removed for files and pipes.
     print("\n".join(unsigned_zeros(line.rstrip()) for line in page.get().splitlines()))
 
 
@@ -52,7 +52,7 @@ _MINUS_ZERO = re.compile(r"(?P<before>^|[ ([])-(?P<zero>0(?:\.0*)?)(?![\w.])")
 
 
 def unsigned_zeros(line: str) -> str:
-    """The line with zeros that rounding has left a sign, "-0.00", without it; in a column they stay where they are.
+    """The line without the sign of zeros such as "-0.00"; numbers in a column keep their position.
 
     >>> unsigned_zeros("Fz   -0.00 mN at (-0, -0.5, -1e-3) mm, -0.0 %")
     'Fz    0.00 mN at (0, -0.5, -1e-3) mm, 0.0 %'
@@ -73,10 +73,9 @@ def heading(title: str, subtitle: str = "") -> Text:
 def table(
     columns: Iterable[str], rows: Iterable[Iterable[str]], left: int = 1, words: tuple[str, ...] = ()
 ) -> Table:
-    """A table with a rule under its head; the first `left` columns are left-justified, numbers stand
-    right.
+    """A table with a rule under its head; the first `left` columns are left-justified, numbers right-justified.
 
-    On a narrow terminal the left columns fold, and those named in `words`; numbers stay whole.
+    On a narrow terminal the left columns and the columns named in `words` are folded, but not numbers.
     """
     out = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1), header_style="dim")
     for index, name in enumerate(columns):
@@ -88,7 +87,7 @@ def table(
 
 
 def facts(rows: Iterable[tuple[str, str]]) -> Table:
-    """Two columns without lines: what, and its value."""
+    """Two columns without lines: names and values."""
     out = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 0))
     out.add_column(style="dim", no_wrap=True)
     out.add_column()
@@ -98,8 +97,8 @@ def facts(rows: Iterable[tuple[str, str]]) -> Table:
 
 
 def command(words: str) -> RenderableType:
-    """Words for a shell, on one line however narrow the page, so that they can be pasted."""
-    # Rich joins a bare Text with others, and would wrap it.
+    """Words for a shell, on one line for any width of the page, so that they can be pasted."""
+    # Rich would join a bare Text with others and wrap it.
     return Group(Text(words, no_wrap=True, overflow="ignore"))
 
 
@@ -125,7 +124,7 @@ def written(paths: Sequence[object]) -> Table | None:
 
 
 def cells(values: Iterable[SupportsFloat | None], spec: str, scale: float = 1.0) -> list[str]:
-    """Numbers as text; "-" stands for a number that is not there.
+    """Numbers as text, with "-" for a missing number.
 
     >>> cells([0.00123, None, float("nan")], ".4g", 1e3)
     ['1.23', '-', '-']
@@ -136,7 +135,7 @@ def cells(values: Iterable[SupportsFloat | None], spec: str, scale: float = 1.0)
 
 
 def place(point: Iterable[float], decimals: int = 3) -> str:
-    """A point that was given, in mm, without trailing zeros.
+    """A point given in m as text in mm, without trailing zeros.
 
     >>> place([0.0, -0.0381051, -0.087])
     '(0, -38.105, -87)'
@@ -145,7 +144,7 @@ def place(point: Iterable[float], decimals: int = 3) -> str:
 
 
 def axis_text(axis: Array | None) -> str:
-    """A direction (3,) of length 1: a letter along a coordinate, else its components; "several" for None.
+    """A unit vector (3,) as text: a letter for a coordinate axis, otherwise its components; "several" for None.
 
     >>> axis_text(np.array([0.0, -1.0, 1e-17])), axis_text(np.array([0.0, 0.6, 0.8]))
     ('-y', '(0, 0.6, 0.8)')
@@ -161,9 +160,9 @@ def axis_text(axis: Array | None) -> str:
 
 
 def without_noise(values: ArrayLike, beside: float = 0.0) -> Array:
-    """The values; those below 1e-9 of the largest, which rounding leaves, as zeros.
+    """The values, with zeros for rounding errors below 1e-9 of the largest.
 
-    beside: a size of the same unit that counts as the largest where the values themselves are smaller, such as the
+    beside: a reference in the same unit, used as the largest value if the values themselves are smaller, such as the
     moment times the field for a torque.
 
     >>> without_noise([2.0, -1e-17]).tolist(), without_noise([1e-19, -1e-17], beside=0.1).tolist()
@@ -192,7 +191,7 @@ def field_table(
     coil_names: tuple[str, ...] = (),
     currents: Iterable[float] = (),
 ) -> RenderableType:
-    """B and the gradient at each point, below the currents, unless these stand elsewhere."""
+    """B and the gradient at each point, below the currents if these are given."""
     parts: list[RenderableType] = [Text(currents_text(coil_names, currents))] if coil_names else []
     for point in points:
         lines = [
@@ -211,9 +210,9 @@ R = TypeVar("R", bound=Result)
 
 
 def print_result(result: R, layout: Callable[[R], Iterable[Section]], json: bool, **about: object) -> None:
-    """Print a result: `result.to_dict()` as JSON, or the sections of its layout for people.
+    """Print a result: `result.to_dict()` as JSON, or the sections of its layout.
 
-    about: what stands before the result's own entries in JSON, such as the file that was asked for.
+    about: entries before the result's own in JSON, such as the name of the file.
     """
     if json:
         print_json(about | result.to_dict())
@@ -222,5 +221,5 @@ def print_result(result: R, layout: Callable[[R], Iterable[Section]], json: bool
 
 
 def print_json(value: object) -> None:
-    """Print what `fieldmap.plain.plain` takes as JSON."""
+    """Print a value that `fieldmap.plain.plain` accepts as JSON."""
     print(dumps(plain(value), indent=2, allow_nan=False))

@@ -1,4 +1,4 @@
-"""What people look at: `fieldmap show` draws a device, a map or a run; `fieldmap app` has sliders for the currents."""
+"""Pictures: `fieldmap show` draws a device, a map or a run; `fieldmap app` has sliders for the currents."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 PAGE_WINDOW = (900, 700)
 CURVES = "curves"
-"""What is drawn of runs over time."""
+"""Value of `--what` for runs drawn over time."""
 
 
 def show(
@@ -112,7 +112,7 @@ def show(
 
 
 def _show_curves(sources: list[str], what: str, save: Path | None, given: list[str], json: bool) -> None:
-    """Draw files of runs over one another. Raises InputError with all that does not fit."""
+    """Draw files of runs in one figure. Raises InputError with all problems."""
     from fieldmap.plot.runs import read_drawn_runs, run_message, save_run_figure
     from fieldmap.plot.scenes import check_format
     from fieldmap.store import is_run_file
@@ -147,9 +147,9 @@ def _refuse_for_runs(what: str, given: list[str]) -> None:
 
 
 def _draw(shown: Shown, what: str, quantity: str, save: Path | None) -> dict[str, list[float]]:
-    """Show or save; the ranges of what is coloured, by its title."""
+    """Show or save a scene. Returns the ranges of quantities shown as colour, by title."""
     from fieldmap.plot.rendering import require_window
-    from fieldmap.plot.scenes import axes_of, drawn_ranges, make_scene, save_scene
+    from fieldmap.plot.scenes import axes_of, drawn_ranges, make_scene, save_scene, scene_words
 
     scene = make_scene(shown, what, quantity, off_screen=save is not None)
     ranges = drawn_ranges(scene)
@@ -157,7 +157,7 @@ def _draw(shown: Shown, what: str, quantity: str, save: Path | None) -> dict[str
         require_window(scene)
         scene.show()
     else:
-        save_scene(scene, save, shown.title, axes_of(what, quantity, shown))
+        save_scene(scene, save, scene_words(what, quantity, shown), axes_of(what, quantity, shown))
         scene.close()
     return ranges
 

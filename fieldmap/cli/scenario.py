@@ -115,7 +115,7 @@ def simulate(
 
 
 def _function_in(text: str) -> FunctionController:
-    """The controller NAME of FILE.py, which is run as Python runs a script's imports. Raises InputError."""
+    """The controller NAME of FILE.py, which is imported like a module of a script. Raises InputError."""
     from fieldmap.control import FunctionController
 
     def refused(must_hold: str, received: str, remedy: str) -> InputError:
@@ -126,7 +126,7 @@ def _function_in(text: str) -> FunctionController:
     if not (sign and name and path.suffix == ".py" and is_file(path)):
         must_hold = "must be FILE.py:NAME with a file that is there"
         raise refused(must_hold, text, "write for example my_loop.py:control")
-    # As with `python FILE.py`, modules in the folder of the file are found.
+    # As with `python FILE.py`, the file can import modules in its folder.
     folder = str(path.resolve().parent)
     sys.path.insert(0, folder)
     try:
@@ -151,7 +151,7 @@ def _laid(
     units: list[str] | None,
     begins: float | None,
 ) -> LaidLog:
-    """The log over the one run. Raises InputError with every problem of the options and of the log."""
+    """The log laid over a single run. Raises InputError with all problems of the options and of the log."""
     from fieldmap.dynamics.scenario import lay_over, read_measured_log
 
     names, of_names = parse_pairs(columns, "--column", "ROLE=NAME", "depth=ch 1")
@@ -193,7 +193,7 @@ def _run_page(
     for batch in simulation.batches:
         yield _steps(batch)
     yield None if laid is None else _differences(laid)
-    yield page.assumed(simulation.first.assumptions)
+    yield page.assumed(simulation.assumptions)
     yield page.written(files)
 
 
@@ -221,7 +221,7 @@ def _axes(batch: Batch) -> Table:
 
 
 def _steps(batch: Batch) -> Table | None:
-    """Means over the runs of the metrics of every axis with a step, and the RMS over all of them."""
+    """Means over the runs of the step metrics of every axis with a step, and the RMS over all runs."""
     from fieldmap.dynamics.scenario.metrics import over_runs
 
     rows = []
@@ -291,7 +291,7 @@ def _linear_page(scenario: str, target: Path | None, found: Linearisation) -> It
     for columns, rows_at in tables.items():
         rows = [(f"{point.depth_mm:g}", *row) for point in found.points for row in rows_at(point)]
         yield page.table(("depth mm", *columns), rows)
-    yield page.assumed(found.points[0].linear.assumptions)
+    yield page.assumed(found.assumptions)
     yield page.written([target]) if target else None
 
 
@@ -299,7 +299,7 @@ def _modes(point: LinearPoint) -> Iterator[tuple[str, ...]]:
     reached = page.without_noise([mode.input_gains.max() for mode in point.modes])
     seen = page.without_noise([mode.output_gains.max() for mode in point.modes])
     for mode, *gains in zip(point.modes, reached, seen, strict=True):
-        # One line for a pair.
+        # A complex pair has one line.
         if mode.pole.imag < -1e-9:
             continue
         shares = mode.named_shares(point.linear)
@@ -313,7 +313,7 @@ def _complex(value: complex) -> str:
 
 
 def _coupling(point: LinearPoint) -> Iterator[tuple[str, ...]]:
-    """Where each signal moves the body, its loops open; and its relative gain with the axis that it belongs to."""
+    """Direction in which each signal moves the body in open loop; and its relative gain with its own axis."""
     from fieldmap.dynamics.scenario.linear_points import coupling_signals
 
     gain, relative = page.without_noise(1e3 * point.coupling.gain), point.coupling.relative
@@ -334,7 +334,7 @@ def _loop(point: LinearPoint) -> Iterator[tuple[str, ...]]:
 
 def _margins(point: LinearPoint) -> Iterator[tuple[str, ...]]:
     for found in point.margins:
-        # Of a factor that no gain reaches, "inf" is the value.
+        # A factor that no gain reaches is "inf".
         numbers = (f"{found.gain_up:.3g}", f"{found.gain_down:.3g}", f"{found.modulus:.3f}")
         yield found.output, f"{found.phase:.1f}", f"{found.crossover:.3f}", *numbers, f"{found.unstable:.2f}"
 
@@ -408,7 +408,7 @@ def _tuned_page(scenario: str, found: Tuning) -> Iterator[page.Section]:
     yield page.table((f"all axes, {state}", *columns[4:]), list(_margins(found.point)))
     settings = (shlex.quote(f"{key}={_toml(value)}") for key, value in found.keys.items())
     yield page.command(" ".join(f"--set {setting}" for setting in settings))
-    yield page.assumed(found.point.linear.assumptions)
+    yield page.assumed(found.assumptions)
 
 
 def _toml(value: object) -> str:

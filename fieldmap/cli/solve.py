@@ -1,4 +1,4 @@
-"""`fieldmap solve`: the field of a device, linear or at given currents, beside the known values of its file."""
+"""`fieldmap solve`: the field of a device, linear or at given currents, and the known values of its file."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ def _report(summary: SolutionSummary) -> Iterator[tuple[str, str]]:
 
 
 def _body_table(bodies: Iterable[BodyFlux], components: tuple[str, ...] = ()) -> Table:
-    """Flux density in each body; with the components of its mean if they have heads."""
+    """Flux density in each body, with the components of its mean if `components` gives their heads."""
     rows = (
         (
             body.body,
@@ -195,7 +195,7 @@ def _section_table(summary: SolutionSummary) -> Table:
             section.section,
             f"{section.flux_density:.5f}",
             "" if section.error is None else f"{section.error / section.area:.1g}",
-            # Noise is judged beside a flux density of 1 T across the section.
+            # Rounding errors are relative to a flux density of 1 T across the section.
             *page.cells((page.without_noise(section.flux, beside=section.area), section.area), ".5g", 1e6),
         )
         for section in summary.sections
@@ -209,7 +209,7 @@ def _force_table(summary: SolutionSummary) -> Table:
         (
             ", ".join(group.names),
             *page.cells(page.without_noise(group.force, beside=largest), ".5g", 1e3),
-            # Noise is judged beside the torque of the largest force at a lever of 1 mm.
+            # Rounding errors are relative to the torque of the largest force at a lever of 1 mm.
             *page.cells(page.without_noise(group.torque, beside=1e-3 * largest), ".5g", 1e3),
         )
         for group in summary.forces
@@ -218,7 +218,7 @@ def _force_table(summary: SolutionSummary) -> Table:
 
 
 def _reference_table(summary: SolutionSummary) -> RenderableType:
-    """The known values that hold, ours, and their sources; of the others, how many and what they need."""
+    """The known values that apply, our values, and sources; and for the others their number and conditions."""
     compared = [one for one in summary.references if one.ours is not None]
     parts: list[RenderableType] = []
     if compared:

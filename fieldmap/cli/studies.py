@@ -64,7 +64,7 @@ def study(
         files += [] if picture is None else [picture]
     page.print_result(run, partial(_study_page, files), json, files=files)
     if len(run.failed) == len(run.study.variants):
-        # The result has been printed, and says why each failed.
+        # The printed result already has the reason of each failure.
         received = f"the first because of {next(iter(run.failed.values()))[0]}"
         problem = Problem(str(run.study.path), "some variant must succeed", received, "see the reasons")
         print_problems(FieldmapError(problem))
@@ -72,7 +72,7 @@ def study(
 
 
 def _refuse_picture(study: Path, target: Path | None) -> None:
-    """Raise InputError, before anything is solved, for a picture of another program where the plot would lie."""
+    """Raise InputError, before anything is solved, if the plot would replace a picture of another program."""
     from fieldmap.store.output_formats import output_problems
     from fieldmap.studies.run import output_file
 
@@ -80,7 +80,7 @@ def _refuse_picture(study: Path, target: Path | None) -> None:
     raise_all(output_problems(str(picture), picture, ["drawn figure"]))
 
 
-# Head of each column and its significant digits; quantities without a head are in the data set only.
+# Head and significant digits of each column; quantities without a head are in the data set only.
 _HEADS = {
     "common_current": ("current", 4),
     "equilibrium_x": ("x", 3),
@@ -131,7 +131,7 @@ def _with_unit(name: str, unit: str) -> str:
 
 def _cell(quantity: Quantity, row: StudyRow) -> str:
     number = quantity.printed[0] * float(row.numbers[quantity.name])
-    # Rounding leaves numbers that are no zeros.
+    # Numbers this small are rounding errors.
     return page.cells([0.0 if abs(number) < 1e-6 else number], f".{_HEADS[quantity.name][1]}g")[0]
 
 
@@ -177,7 +177,7 @@ def _pictures(found: Optimum, path: Path) -> Iterator[Path]:
     from fieldmap.plot.rendering import can_render
 
     yield save_optimum_plot(found, path.with_suffix(".png"))
-    # A machine that draws nothing in space must not lose the numbers.
+    # The numbers must not be lost on a machine that cannot draw scenes.
     if can_render():
         starts = {one.key: one.start for one in found.variables}
         captions = (_caption("start", starts), _caption("best", found.values))
@@ -186,7 +186,7 @@ def _pictures(found: Optimum, path: Path) -> Iterator[Path]:
 
 
 def _caption(title: str, values: Mapping[str, float | None]) -> str:
-    """A title and the values of the first four variables, a line each."""
+    """A title and the values of the first four variables, one line each."""
     lines = [f"{key} = {value:.5g}" for key, value in list(values.items())[:4] if value is not None]
     return "\n".join([title, *lines])
 
@@ -291,7 +291,7 @@ def fit(
 def _after_each_solve(
     progress: Callable[[str, float], None], asked: Fit
 ) -> Callable[[Mapping[str, float]], None]:
-    """What is called after each solve. Nobody knows how many a fit takes: 8 steps, with errors at the end."""
+    """Function to call after each solve. The number of solves is unknown; about ten per unknown are expected."""
     expected, done = 10 * (len(asked.unknowns) + 1), 0
 
     def solved(values: Mapping[str, float]) -> None:

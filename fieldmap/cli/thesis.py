@@ -1,4 +1,4 @@
-"""`fieldmap thesis`: the numbers that the thesis prints, beside ours."""
+"""`fieldmap thesis`: the numbers that the thesis prints, compared with ours."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from fieldmap.thesis.plan import Plan
 
 LONG = 20.0
-"""Seconds from which on a command says first what it needs."""
+"""Expected time, s, from which on the command first prints its plan."""
 
 
 def completed_rows(incomplete: str) -> list[str]:
-    """Rows that begin like this, or parts where it goes beyond the name of a row.
+    """Rows that begin with a text, or parts if the text is longer than the name of a row.
 
     >>> completed_rows("S2"), completed_rows("S4_w")
     (['S20'], ['S4_windings'])
@@ -99,7 +99,7 @@ def thesis(
 
 
 def _reported(plan: Plan, folder: Path, results: Iterable[PartResult]) -> list[PartResult]:
-    """Write the report of these parts into a folder as they are done, and return their results."""
+    """Write the report of a plan's parts into a folder as they are done, and return the results."""
     from fieldmap.plot.figures import save_curves
     from fieldmap.thesis.report import write_report
 
@@ -126,5 +126,5 @@ def _sections(result: PartResult) -> Iterator[page.Section]:
 def _cells(number: Comparison) -> tuple[str, ...]:
     kind = "misprint" if number.misprint else number.kind
     values = (f"{number.thesis:.6g}", f"{number.ours:.6g}", number.verdict)
-    # With spaces, so that a narrow terminal folds the name between words.
+    # Spaces let a narrow terminal fold the name between words.
     return (number.name.replace("_", " "), number.unit, *values, kind, number.place)

@@ -1,15 +1,14 @@
-"""Controllers: as their samples run, and as the transfer functions and matrices they are designed with.
+"""Controllers that run sample by sample, and the transfer functions and matrices of their design.
 
 Depends on: errors, arguments, core, device (payload, current division), levitation (forces of a map), scipy; numba for
-functions that it compiled.
-Models are plain arrays, so that they go into scipy.signal and python-control as they are.
+functions that it compiled. Models are plain arrays, which scipy.signal and python-control accept.
 """
 
 from typing import TYPE_CHECKING, Any
 
 from fieldmap.extras import needs
 
-# As in fieldmap.levitation: told here for all modules.
+# All modules need scipy. If it is missing, the error is raised here.
 with needs("levitation", "fieldmap.control"):
     import scipy
 
@@ -124,7 +123,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    # It is numba's, which nothing else here imports.
+    # Imported on use, since no other name here needs numba.
     if name == "C_SIGNATURE":
         from fieldmap.control.jitted_function import C_SIGNATURE
 

@@ -1,10 +1,11 @@
-"""What a closed loop asks of a controller, and controllers of any kind as one linear block: docs/theory/closed_loop.md
-(5).
+"""The interface of controllers to closed loops, and controllers of any kind as one linear block:
+docs/theory/closed_loop.md (5).
 
     u = C xi + D v + f      s = u within its limits      xi <- A xi + B v + E (s - f) + F f
 
 v (7,) = reference (3), measured position (3), 1; positions in m in the frame of the map. The loop of a linear plant
-(`simulate_loop`) and that of a magnet on a map (`fieldmap.dynamics.simulate_closed_loop`) take the same controllers.
+(`simulate_loop`) and the loop of a magnet on a map (`fieldmap.dynamics.simulate_closed_loop`) take the same
+controllers.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ AXES = ("x", "y", "z")
 
 @dataclass(frozen=True, repr=False)
 class AxisReading(Record):
-    """What a controller of one axis calls its position: factor * (coordinate in m) + offset.
+    """The position that a controller of one axis reads: factor * (coordinate in m) + offset.
 
     x in mm is AxisReading("x", 1e3); a depth in mm from 50 mm below the origin on is AxisReading("z", -1e3, -50.0).
     """
@@ -55,8 +56,8 @@ class AxisReading(Record):
 
 
 class Controller(Protocol):
-    """What a compiled loop asks of a controller: one block, several over the height, or one whose outputs are
-    forces."""
+    """The interface of a controller to compiled loops. It is one block, several blocks over the height, or a controller
+    of forces."""
 
     @property
     def outputs(self) -> int:
@@ -64,38 +65,38 @@ class Controller(Protocol):
 
     @property
     def memory(self) -> Array:
-        """(n,): what it starts with."""
+        """State (n,) at the start."""
 
     @property
     def arrays(self) -> Block:
-        """As compiled loops take it."""
+        """The arrays for compiled loops."""
 
     def inverse(self, state: Array) -> Any:
-        """The inverse map of a controller whose outputs are forces.
+        """The inverse map of a controller of forces.
 
         Parameters
         ----------
         state
-            State (13,) where the run begins.
+            State (13,) at the start of the run.
 
         Returns
         -------
         Any
             A `fieldmap.core.machine.InverseMap` without the run's machine; None for a controller whose
-            outputs go to the allocation as they are.
+            outputs go directly to the allocation.
         """
 
     def at(self, sensed: Array, stiffness: ArrayLike, per_output: ArrayLike) -> ControllerBlock:
-        """The one block, from what is seen to outputs, that the controller is about an operating point.
+        """The linear block of the controller about an operating point, from signals to outputs.
 
         Parameters
         ----------
         sensed
             The sensed point there (3,), m.
         stiffness
-            Minus the slope of the magnet's force by its place (3, 3), N/m.
+            Minus the derivative of the magnet's force by its position (3, 3), N/m.
         per_output
-            Slope of the magnet's force by the outputs (3, m).
+            Derivative of the magnet's force by the outputs (3, m).
 
         Returns
         -------
@@ -106,9 +107,9 @@ class Controller(Protocol):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ControllerBlock(Record):
-    """A (n, n), B (n, 7), C (m, n), D (m, 7), E (n, m); lower, upper (m,): limits of the outputs; hold (n,): number of
-    the output for an integral that stops at its limit, -1 elsewhere; memory (n,): what it starts with. F (n, m) or
-    None for nothing: how a feed-forward enters the memory, E for an observer that is told what the machine is."""
+    """A (n, n), B (n, 7), C (m, n), D (m, 7), E (n, m); lower, upper (m,): limits of the outputs; hold (n,): for an
+    integral that stops at the limit of an output, the number of this output, -1 elsewhere; memory (n,): state at the
+    start. F (n, m): gain of a feed-forward to the state, None for zeros; E for an observer of the whole output."""
 
     A: Array
     B: Array
@@ -133,20 +134,20 @@ class ControllerBlock(Record):
 
     @property
     def arrays(self) -> Block:
-        """As compiled loops take it."""
+        """The arrays for compiled loops."""
         return arrays_of((self,), (0.0, 1.0, 0.0))
 
     def inverse(self, state: Array) -> None:
-        """None: the outputs go to the allocation as they are.
+        """None, since the outputs go directly to the allocation.
 
         Parameters
         ----------
         state
-            State (13,) where the run begins.
+            State (13,) at the start of the run.
         """
 
     def at(self, sensed: Array, stiffness: ArrayLike, per_output: ArrayLike) -> ControllerBlock:
-        """Itself, everywhere.
+        """The block itself, at every operating point.
 
         Parameters
         ----------
@@ -162,14 +163,14 @@ class ControllerBlock(Record):
 
 
 def arrays_of(blocks: Sequence[ControllerBlock], nodes: tuple[float, float, float]) -> Block:
-    """Blocks at equal steps of a signal as compiled loops take them.
+    """The arrays for compiled loops of blocks at equal steps of a signal.
 
     Parameters
     ----------
     blocks
-        The blocks; limits and what holds are those of the first.
+        The blocks; limits and `hold` are those of the first.
     nodes
-        As `Block` takes them.
+        As in `Block`.
 
     Returns
     -------
@@ -192,7 +193,7 @@ def arrays_of(blocks: Sequence[ControllerBlock], nodes: tuple[float, float, floa
 
 
 def constant_block(output: float) -> ControllerBlock:
-    """An output that does not listen: an axis in open loop.
+    """A constant output, for an axis in open loop.
 
     Parameters
     ----------
@@ -218,7 +219,7 @@ def state_block(
     upper: ArrayLike = np.inf,
     memory: ArrayLike | None = None,
 ) -> ControllerBlock:
-    """Any linear controller of several axes, by the matrices in the head of this file.
+    """Any linear controller of several axes, by the matrices of this module's equation.
 
     Parameters
     ----------
@@ -255,7 +256,7 @@ def state_block(
 
 
 def stacked(*blocks: ControllerBlock) -> ControllerBlock:
-    """Blocks side by side: their outputs one after the other.
+    """One block of several in parallel, with their outputs one after the other.
 
     Parameters
     ----------
@@ -283,11 +284,11 @@ def stacked(*blocks: ControllerBlock) -> ControllerBlock:
 
 
 ALONE = AxisReading("x")
-"""Of a controller that knows one position only: the position itself."""
+"""Reading of a controller of a single position: the position itself."""
 
 
 class RunningBlock:
-    """A block of one position and one output with its memory, one call a sample."""
+    """A block of one position and one output with its memory, called once per sample."""
 
     def _start(self, block: ControllerBlock) -> None:
         """Begin with the memory of a block."""
@@ -300,9 +301,9 @@ class RunningBlock:
         Parameters
         ----------
         reference
-            What is asked for.
+            The reference.
         measured
-            What is measured.
+            The measurement.
 
         Returns
         -------
@@ -312,7 +313,7 @@ class RunningBlock:
         Raises
         ------
         InputError
-            For numbers that are not finite, before they do harm.
+            For numbers that are not finite; the memory is then unchanged.
         """
         check_numbers(f"{type(self).__name__}.step", reference=reference, measured=measured)
         self._signals[0, 0], self._signals[0, 3] = reference, measured
@@ -330,7 +331,7 @@ def run_block(
     block
         The block.
     where
-        Who asks; begins messages.
+        Name of the caller, for messages.
     reference
         (n,) or one number.
     measured
@@ -355,7 +356,7 @@ def run_block(
 
 
 def _signals(reference: ArrayLike, measured: ArrayLike, samples: int) -> Array:
-    """(samples, 7): what a block of `ALONE` listens to."""
+    """Signals (samples, 7) of a block that reads `ALONE`."""
     signals = np.zeros((samples, SIGNALS))
     signals[:, 0], signals[:, 3], signals[:, -1] = reference, measured, 1.0
     return signals

@@ -1,6 +1,6 @@
-"""A controller of one's own as a compiled loop calls it, and what went wrong in it.
+"""User-defined controllers as compiled loops call them, and messages about their failures.
 
-Messages say where a function raised what, what it returned, what it wrote beside its arrays, and what numba says of it.
+Messages state exceptions with their lines, wrong return values, writes outside of arrays, and errors of numba.
 """
 
 from __future__ import annotations
@@ -22,29 +22,29 @@ WHERE = "FunctionController(function)"
 CALL = "function(time, measured, reference, state) -> outputs"
 _HERE = os.path.dirname(__file__)
 ROOM = 256
-"""Numbers before and behind an array that are watched."""
-# A NaN with bits that no arithmetic makes: what is read beside an array is no number, and what is written shows.
+"""Guard numbers before and after an array, in which writes are detected."""
+# A NaN with bits that no arithmetic produces: reads outside of an array give NaN, and writes are detected.
 _MARK = np.uint64(0x7FF8_5A5A_C3C3_1E1E)
 
 
 class BoundFunction:
-    """A function as compiled loops call it, for one run: a C function at an address. One that fails says so by its
-    number alone."""
+    """A function as compiled loops call it, for one run: a C function at an address. It reports a failure only by its
+    return value; derived classes know more."""
 
     def __init__(self, address: int, alive: object = None) -> None:
         self.address, self._alive = address, alive
 
     def cause(self, time: float, measured: Array, reference: Array, state: Array) -> BaseException | None:
-        """The exception that the function raised when it was called with these, if any."""
+        """The exception that the function raised when it was called with these arguments, if any."""
         return None
 
     def shape(self, time: float, measured: Array, reference: Array, state: Array) -> str:
-        """What it gave in the place of the outputs, as a text; "" where that is not known."""
+        """The return value of a wrong shape, in words; "" if it is not known."""
         return ""
 
 
 def reason(error: Exception) -> str:
-    """What numba says first that is about the function, and the line that it names."""
+    """The first line of numba's error that concerns the function, and the line of code that it names."""
     plain = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
     lines = [line.strip() for line in plain.splitlines() if line.strip()]
     said = [line for line in lines if not line.startswith(("Failed in", "File ", "During:", "- Resolution"))]
@@ -54,7 +54,7 @@ def reason(error: Exception) -> str:
 
 
 def wrong_outputs(where: str, names: Sequence[str], received: str) -> Problem:
-    """Of a function whose outputs are not as many as these names."""
+    """The problem of a function with a wrong number of outputs. names: of the outputs."""
     wanted = f"must return {len(names)} number{'s' * (len(names) > 1)}: {', '.join(names)}"
     return Problem(where, wanted, received, "return them as a tuple or an array, or choose what it gives")
 
@@ -66,8 +66,8 @@ def failure(
     outputs: Array,
     given: tuple[float, Array, Array, Array],
 ) -> tuple[Problem, BaseException | None]:
-    """What went wrong at a sample at which a function was given time, measured, reference and state, and returned
-    `answer`; outputs (m,): what it filled in."""
+    """The problem at a sample at which a function failed, and its exception if it is known. given: time, measured,
+    reference and state; answer: the return value; outputs (m,): as the function left them."""
     time, measured, reference, state = given
     where = f"controller at {time:.6g} s"
     about = f"measured {measured.tolist()}, reference {reference.tolist()} m, state {state.tolist()}"
@@ -98,22 +98,22 @@ def _more_state(states: int) -> str:
 
 
 def _raised_at(error: BaseException) -> str:
-    """File and line of the function at which it raised an exception, "" where they are not known."""
+    """File and line of the function at which it raised an exception; "" if they are not known."""
     every = traceback.extract_tb(error.__traceback__)
     frames = [frame for frame in every if os.path.dirname(frame.filename) != _HERE]
-    # The first is the function's own; below its last line in that file lie the libraries that it calls.
+    # The first frame is the function's own; frames in other files below belong to libraries that it calls.
     own = [frame for frame in frames if frame.filename == frames[0].filename]
     return f"{_shorter(own[-1].filename)}, line {own[-1].lineno}" if own else ""
 
 
 def _shorter(file: str) -> str:
-    """A file as seen from the current folder where it lies below it."""
+    """The path of a file, relative to the current folder if the file lies below it."""
     here = os.getcwd() + os.sep
     return file[len(here) :] if file.startswith(here) else file
 
 
 def guarded(values: ArrayLike) -> Array:
-    """A copy (n,) of values with watched room before and behind it, contiguous."""
+    """A contiguous copy (n,) of values with guard numbers before and after it."""
     given = np.asarray(values, float).ravel()
     whole = np.empty(len(given) + 2 * ROOM)
     whole.view(np.uint64)[:] = _MARK
@@ -123,7 +123,7 @@ def guarded(values: ArrayLike) -> Array:
 
 
 def _overrun(inside: Array) -> int | None:
-    """The index, nearest to it, beside an array of `guarded` at which something was written; None where nothing was."""
+    """The index outside of an array of `guarded`, nearest to it, that was written to; None if there is none."""
     whole: NDArray[np.float64] = inside.base  # type: ignore[assignment]
     changed = np.flatnonzero(whole.view(np.uint64) != _MARK) - ROOM
     beside = changed[(changed < 0) | (changed >= len(inside))]
@@ -133,8 +133,9 @@ def _overrun(inside: Array) -> int | None:
 def written_beside(
     time: float, state: Array, given: Array, outputs: Array, measured: slice = slice(3, 6)
 ) -> Problem | None:
-    """What a compiled function wrote beside its arrays by a time, s; None where it kept to them. All of `guarded`;
-    given (7,) or longer: what a loop sees, of which the function gets `measured`, and the first three as reference."""
+    """The problem of a compiled function that wrote outside of its arrays before a time, s; None if it did not. All
+    arrays are of `guarded`. given (7,) or longer: signals of the loop; the function gets the slice `measured` of them,
+    and the first three as reference."""
     arrays = (("state", state, 0), ("outputs", outputs, 0), ("measured", given, measured.start))
     for name, array, first in arrays:
         index = _overrun(array)

@@ -1,12 +1,12 @@
-"""A controller of one's own: a Python function, a function compiled by numba, or a C function.
+"""User-defined controllers: a Python function, a function compiled by numba, or a C function.
 
     outputs = function(time, measured, reference, state)                                Python, numba
     int function(double time, const double *measured, const double *reference,          C
                  double *state, double *outputs)
 
-time, s, of the sample; measured, reference (3,): of the sensed point, m, frame of the map, as the sensors give it; of
-field sensors without an estimator measured (s + n,) are their readings, T, and the currents of the coils, A;
-state (n,): the function's own, kept from sample to sample; outputs (m,).
+time, s, of the sample; measured, reference (3,): of the sensed point, m, frame of the map, as read by the sensors; for
+field sensors without an estimator measured (s + n,): their readings, T, and the currents of the coils, A; state (n,):
+kept by the function from sample to sample; outputs (m,).
 """
 
 from __future__ import annotations
@@ -36,27 +36,27 @@ _CPointer: Any = ctypes._CFuncPtr  # type: ignore[attr-defined]
 _real = ctypes.POINTER(ctypes.c_double)
 ControlFunction = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, _real, _real, _real, _real)
 """The C signature for ctypes: `ControlFunction(("control", library))`, or set restype and argtypes."""
-# As the callback of a Python function takes it: addresses, of which arrays are made once.
+# Signature of the callback of a Python function: it takes addresses, from which arrays are made once.
 _Entry = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double, *[ctypes.c_void_p] * 4)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FunctionController(Record):
-    """A function as controller, in the place of the shipped ones: what it is called with is in the head of this file.
+    """A function as controller; the docstring of its module states the arguments.
 
     function: any Python callable; a function jitted by numba; a C function: `numba.cfunc` of `C_SIGNATURE`, a function
-    of ctypes, or an address. state: numbers that it begins with (n,), or how many zeros; none unless given. gives:
-    "signals": those of the machine's control allocation, such as lift, V, and x and y signals; "currents": of each
-    coil, A; "voltages": of each coil's amplifier input, V. Currents and voltages go through converters, amplifiers and
-    windings as signals do. lower, upper: limits of the outputs, one for all or (m,). period: s, at which it is called,
-    in the place of the scenario's. Raises InputError for what cannot be called so.
+    of ctypes, or an address. state: start values (n,), or a number of zeros; none unless given. gives: "signals": of
+    the machine's control allocation, such as lift, V, and x and y signals; "currents": of each coil, A; "voltages": of
+    each coil's amplifier input, V. Currents and voltages go through converters, amplifiers and windings as signals do.
+    lower, upper: limits of the outputs, one for all or (m,). period: sampling time, s, in place of the scenario's.
+    Raises InputError for an object that cannot be called like this.
 
-    A callable with a method `reset` is reset at the beginning of every run. Everything else that it remembers by
-    itself it brings along into the next run: keep it in `state`, and equal seeds give equal runs.
+    A callable with a method `reset` is reset at the start of every run. Other data that a callable stores itself is
+    carried over into the next run; with all data in `state`, equal seeds give equal runs.
 
-    Indices out of range are errors of the run. A function jitted by numba is compiled anew with its indices checked, if
-    it does not say `boundscheck` itself; of what it calls, and of C functions, a run notices at its end what they wrote
-    up to 256 numbers beside state and outputs.
+    Indices out of range are errors of the run. A function jitted by numba is compiled anew with checked indices, unless
+    it sets `boundscheck` itself. In functions that it calls, and in C functions, a run detects at its end writes up to
+    256 numbers before or after state and outputs.
 
     >>> def hold(time, measured, reference, state):
     ...     state[0] += reference[2] - measured[2]
@@ -87,12 +87,12 @@ class FunctionController(Record):
 
     @property
     def memory(self) -> Array:
-        """(n,): the state that a run begins with."""
+        """State (n,) at the start of a run."""
         return np.array(self.state)
 
     @property
     def name(self) -> str:
-        """Of the function, with its file where that is known."""
+        """Name of the function, with its file if it is known."""
         function = self.function
         if self.form == "c":
             named = getattr(function, "__name__", None)
@@ -104,7 +104,7 @@ class FunctionController(Record):
 
     @property
     def assumption(self) -> str:
-        """What a run with it rests on, in a line: function and file, state, outputs and their limits."""
+        """The assumption of a run in one line: function and file, state, outputs and their limits."""
         form = {"python": " (Python)", "numba": " (numba)", "c": ""}[self.form]
         low, high = (", ".join(f"{v:g}" for v in np.ravel(limit)) for limit in (self.lower, self.upper))
         bounded = np.isfinite(np.ravel(self.lower)).any() or np.isfinite(np.ravel(self.upper)).any()
@@ -113,12 +113,12 @@ class FunctionController(Record):
         return f"controller: {self.name}{form}, which gives {self.gives}, {limits}; a state of {state}"
 
     def limits(self, outputs: int) -> Block:
-        """Limits of the outputs as compiled loops take them: a block that holds nothing else.
+        """The arrays for compiled loops of a block that has only limits of the outputs.
 
         Parameters
         ----------
         outputs
-            How many outputs there are.
+            Number of outputs.
 
         Returns
         -------
@@ -140,7 +140,7 @@ class FunctionController(Record):
         names
             Names of the outputs.
         measured
-            How many numbers it is given as measured.
+            Length of its argument `measured`.
 
         Returns
         -------
@@ -150,7 +150,7 @@ class FunctionController(Record):
         Raises
         ------
         InputError
-            Where it cannot give them.
+            If it cannot return these outputs.
         """
         function, states = self.function, len(self.memory)
         if self.form == "python":
@@ -163,7 +163,7 @@ class FunctionController(Record):
             return kept[sizes]
         if isinstance(function, _CPointer):
             return BoundFunction(ctypes.cast(function, ctypes.c_void_p).value or 0, function)
-        # One that numba compiled says its address.
+        # A C function compiled by numba has an attribute with its address.
         return BoundFunction(int(getattr(function, "address", function)), function)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -177,7 +177,7 @@ def as_controller(given: Any) -> Any:
 
 
 def _about_numba() -> Any:
-    """The module about numba's functions; None where nobody has imported numba: then there are none."""
+    """The module for functions of numba; None if numba is not imported, as there are no such functions then."""
     if "numba" not in sys.modules:
         return None
     from fieldmap.control import jitted_function
@@ -186,7 +186,7 @@ def _about_numba() -> Any:
 
 
 def _form(function: Any) -> str:
-    """python, numba or c. Raises InputError for what has another signature, or cannot be called."""
+    """python, numba or c. Raises InputError for another signature, and for an object that cannot be called."""
     jitted = _about_numba()
     if jitted and isinstance(function, jitted.CFunc):
         wanted, signature = jitted.C_SIGNATURE, function._sig
@@ -209,12 +209,12 @@ def _form(function: Any) -> str:
         received = f"{getattr(python, '__name__', type(python).__name__)}{inspect.signature(python)}: {error}"
         raise InputError.of(WHERE, f"must be {CALL}", received, "take these four arguments") from None
     except ValueError:
-        pass  # a builtin that does not say what it takes
+        pass  # a builtin without a signature
     return "numba" if is_jitted else "python"
 
 
 def _check_ctypes(function: Any) -> None:
-    """What ctypes knows of the signature: nothing, or that of `C_CALL`."""
+    """Raise InputError unless the return type, and the argument types if declared, are those of `C_CALL`."""
     real, pointers = ctypes.c_double, (_real, ctypes.c_void_p)
     declared = function.argtypes
     fits = function.restype is ctypes.c_int
@@ -226,7 +226,7 @@ def _check_ctypes(function: Any) -> None:
 
 
 class _PythonFunction(BoundFunction):
-    """A Python callable, called back from the loop, which holds the interpreter's lock for that long only."""
+    """A Python callable, called back from the loop, with the interpreter's lock held only during the call."""
 
     def __init__(self, function: Callable[..., Any], measured: int, outputs: int, states: int) -> None:
         self._function, self._sizes = function, (measured, 3, states, outputs)
@@ -248,7 +248,7 @@ class _PythonFunction(BoundFunction):
     def _called_back(self, time: float, *places: int) -> int:
         try:
             if not self._views:
-                # The same places at every sample of a run.
+                # The addresses are the same at every sample of a run.
                 self._views = [_array_at(*each) for each in zip(places, self._sizes, strict=True)]
             measured, reference, state, out = self._views
             # Copies, which the function may keep.
@@ -265,7 +265,7 @@ class _PythonFunction(BoundFunction):
                 self._shape = "None" if found is None else f"an array {values.shape}"
                 return WRONG_LENGTH
             out[:] = values
-        except BaseException as error:  # nothing may pass through compiled code; it is raised behind it
+        except BaseException as error:  # must not pass through compiled code; raised after the loop
             self._error = error
             return FAILED
         return DONE

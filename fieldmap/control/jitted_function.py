@@ -1,6 +1,6 @@
 """Functions jitted by numba, and C functions that numba compiled, as controllers: docs/own_controller.md.
 
-Nothing else of this package needs numba for a controller, so it is imported only where numba has been.
+This module is imported only if numba is already imported, as no other module here needs it.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from fieldmap.typing import Array
 
 _POINTER = types.CPointer(types.float64)
 C_SIGNATURE = types.intc(types.float64, _POINTER, _POINTER, _POINTER, _POINTER)
-"""Of a C function that is a controller, as `numba.cfunc` takes it."""
+"""Signature of a C function as controller, for `numba.cfunc`."""
 _VECTOR = types.Array(types.float64, 1, "C")
 ARGUMENTS = (types.float64, _VECTOR, _VECTOR, _VECTOR)
-"""What a jitted function is called with: time, measured, reference (3,), state (n,)."""
+"""Types of a jitted function's arguments: time, measured, reference (3,), state (n,)."""
 
 
 class JittedFunction(BoundFunction):
-    """A function jitted by numba with its indices checked, compiled for the loop. Raises InputError where it does not
-    compile, or does not give outputs of these names."""
+    """A function jitted by numba with checked indices, compiled for the loop. Raises InputError if it does not compile,
+    or does not return one number for each of the names."""
 
     def __init__(self, function: Any, measured: int, names: Sequence[str], states: int) -> None:
         self._function = checked = with_checked_indices(function)
@@ -60,8 +60,8 @@ class JittedFunction(BoundFunction):
         super().__init__(int(address), entry)
 
     def cause(self, time: float, measured: Array, reference: Array, state: Array) -> BaseException | None:
-        """Compiled code cannot keep an exception: the function is called once more, to see it, and then its Python
-        source, which knows its line and the index."""
+        """Compiled code cannot keep an exception. The function is called again to get it, and then its Python source,
+        which also gives the line and the index."""
         given = (measured, reference, state)
         compiled = _raised_by(self._function, time, *given)
         if compiled is None:
@@ -86,12 +86,12 @@ def _raised_by(
 
 
 def with_checked_indices(function: Any) -> Any:
-    """A jitted function compiled anew from its Python source, with an IndexError for an index out of range; itself if
-    it says by `boundscheck` what it wants. What it calls is compiled as it was."""
+    """A jitted function compiled anew from its Python source, with an IndexError for an index out of range; the same
+    function if it sets `boundscheck`. Functions that it calls are not compiled anew."""
     options = dict(function.targetoptions)
     if options.pop("boundscheck", None) is not None:
         return function
-    # Of a function with signatures of its own no others are compiled.
+    # A function with explicit signatures is compiled for these only.
     signatures = None if function._can_compile else function.nopython_signatures
     return jit(signatures, boundscheck=True, locals=function.locals, **options)(function.py_func)
 
@@ -120,8 +120,8 @@ def _fill_from_number(found, out):
 
 
 def _filling(returned: types.Type) -> tuple[Any, int | None]:
-    """The function that fills in outputs from what a function returns, and how many it gives: None for an array, which
-    has any length; 0 for what holds no numbers."""
+    """The function that copies a return value of this type to the outputs, and its number of values: None for an array,
+    which has any length; 0 for a type without numbers."""
     number = (types.Float, types.Integer)
     if isinstance(returned, types.Array) and returned.ndim == 1 and isinstance(returned.dtype, number):
         return _fill_from_array, None

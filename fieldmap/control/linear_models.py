@@ -1,7 +1,7 @@
 """Linear models of plants: transfer functions and state spaces, continuous and sampled.
 
-Plain arrays, so that they go straight into scipy.signal or python-control: a transfer function is (numerator,
-denominator), highest power first, a state space is (A, B, C, D). `to_control` makes systems of python-control.
+Models are plain arrays, which scipy.signal and python-control accept: a transfer function is (numerator, denominator),
+highest power first, a state space is (A, B, C, D). `to_control` makes systems of python-control.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class TransferFunction(NamedTuple):
         return np.roots(self.denominator)
 
     def to_control(self, Ts: float | None = None) -> python_control.TransferFunction:
-        """The same in python-control.
+        """The model as a system of python-control.
 
         Parameters
         ----------
@@ -64,7 +64,7 @@ class TransferFunction(NamedTuple):
         Raises
         ------
         FieldmapError
-            Where python-control is not installed.
+            If python-control is not installed.
         """
         library = require("control", "control", "TransferFunction.to_control")
         system: python_control.TransferFunction = library.tf(self.numerator, self.denominator, _period(Ts))
@@ -93,14 +93,14 @@ class StateSpace(NamedTuple):
         inputs: Sequence[str] | None = None,
         outputs: Sequence[str] | None = None,
     ) -> python_control.StateSpace:
-        """The same in python-control.
+        """The model as a system of python-control.
 
         Parameters
         ----------
         Ts
             Sampling time, s, of a sampled model; None for a continuous one.
         states, inputs, outputs
-            Their names.
+            Names of these.
 
         Returns
         -------
@@ -110,7 +110,7 @@ class StateSpace(NamedTuple):
         Raises
         ------
         FieldmapError
-            Where python-control is not installed.
+            If python-control is not installed.
         """
         library = require("control", "control", "StateSpace.to_control")
         named = {"states": states, "inputs": inputs, "outputs": outputs}
@@ -233,7 +233,7 @@ def to_transfer_function(model: StateSpace) -> TransferFunction:
     Parameters
     ----------
     model
-        With one input and one output.
+        The model, with one input and one output.
 
     Returns
     -------
@@ -243,7 +243,7 @@ def to_transfer_function(model: StateSpace) -> TransferFunction:
     Raises
     ------
     InputError
-        For a model of more inputs or outputs.
+        For a model with more inputs or outputs.
     """
     A, B, C, D = check_model("to_transfer_function", model, inputs=1, outputs=1)
     bottom = cast(Array, np.poly(A))
@@ -251,7 +251,7 @@ def to_transfer_function(model: StateSpace) -> TransferFunction:
 
 
 def with_output_integral(A: ArrayLike, B: ArrayLike, C: ArrayLike) -> StateSpace:
-    """The model with one more state per output, its integral. C keeps the outputs.
+    """The model with one more state per output: the integral of the output. The outputs stay the same.
 
     Parameters
     ----------
@@ -261,7 +261,7 @@ def with_output_integral(A: ArrayLike, B: ArrayLike, C: ArrayLike) -> StateSpace
     Returns
     -------
     StateSpace
-        The longer model.
+        The augmented model.
 
     Raises
     ------
@@ -281,9 +281,9 @@ def with_output_integral(A: ArrayLike, B: ArrayLike, C: ArrayLike) -> StateSpace
 
 
 def zero_order_hold(A: ArrayLike, B: ArrayLike, Ts: float) -> tuple[Array, Array]:
-    """The sampled model whose input is held: exp of [[A, B], [0, 0]] Ts.
+    """The sampled model for a held input: the exponential of [[A, B], [0, 0]] Ts.
 
-    Van Loan, IEEE Trans. Automatic Control 23 (1978) 395. C and D stay.
+    Van Loan, IEEE Trans. Automatic Control 23 (1978) 395. C and D stay the same.
 
     Parameters
     ----------
@@ -310,9 +310,9 @@ def zero_order_hold(A: ArrayLike, B: ArrayLike, Ts: float) -> tuple[Array, Array
 
 
 def inverse_zero_order_hold(A_d: ArrayLike, B_d: ArrayLike, Ts: float) -> tuple[Array, Array]:
-    """The continuous model that `zero_order_hold` turns into this one.
+    """The continuous model from which `zero_order_hold` gives this one.
 
-    Of the many it is the one without oscillations faster than half the sampling rate (principal logarithm).
+    Of several such models it is the one without oscillations above half the sampling rate (principal logarithm).
 
     Parameters
     ----------
@@ -329,7 +329,7 @@ def inverse_zero_order_hold(A_d: ArrayLike, B_d: ArrayLike, Ts: float) -> tuple[
     Raises
     ------
     InputError
-        Where there is none: poles at 0 (a dead time) or on the negative real axis.
+        If there is no such model, because of poles at 0 (a dead time) or on the negative real axis.
     """
     A_d, B_d, _, _ = check_model("inverse_zero_order_hold", (A_d, B_d, None, None))
     check_positive("inverse_zero_order_hold", Ts=Ts)
@@ -347,7 +347,7 @@ def inverse_zero_order_hold(A_d: ArrayLike, B_d: ArrayLike, Ts: float) -> tuple[
 
 
 def sampled(plant: tuple[ArrayLike, ArrayLike], Ts: float) -> TransferFunction:
-    """The transfer function in q of a continuous one whose input is held.
+    """The transfer function in q of a continuous one with a held input.
 
     Parameters
     ----------
@@ -371,7 +371,7 @@ def sampled(plant: tuple[ArrayLike, ArrayLike], Ts: float) -> TransferFunction:
 
 
 def continuous(plant: tuple[ArrayLike, ArrayLike], Ts: float) -> TransferFunction:
-    """The transfer function in s whose sampled form is this one in q: the inverse of docs/theory/control.md (4).
+    """The transfer function in s with this sampled form in q: the inverse of docs/theory/control.md (4).
 
     Parameters
     ----------
@@ -415,7 +415,7 @@ def closed_loop(
     plant
         Numerator and denominator of P.
     controller
-        Numerator and denominator of C; of negative gain for a plant of negative gain.
+        Numerator and denominator of C, with a negative gain for a plant of negative gain.
 
     Returns
     -------
@@ -434,7 +434,7 @@ def closed_loop(
 
 
 def steady_gain(plant: tuple[ArrayLike, ArrayLike], Ts: float | None = None) -> float:
-    """Output per input at rest.
+    """Steady-state gain: output per input at rest.
 
     Parameters
     ----------
@@ -481,8 +481,8 @@ def root_locus(
 ) -> RootLocus:
     """Roots of 1 + gain * C P = 0 in q.
 
-    Poles are matched from one gain to the next so that the sum of their moves is least: branches stay apart
-    unless two meet, where they may be exchanged as in every root locus.
+    Poles are matched from one gain to the next with the smallest sum of moves. Branches stay separate, but
+    may be exchanged where two of them meet.
 
     Parameters
     ----------
@@ -521,7 +521,7 @@ def root_locus(
     for start, end in pairwise(wanted):
         branch = poles[-1]
         for found in _roots(bottom, top, np.linspace(start, end, steps + 2)[1:]):
-            # Where the leading coefficient vanishes a pole is at infinity.
+            # If the leading coefficient vanishes, a pole is at infinity.
             every = np.pad(found, (0, branch.size - found.size), constant_values=1e300)
             moved = np.minimum(np.abs(branch[:, None] - every), 1e6)
             branch = every[scipy.optimize.linear_sum_assignment(moved)[1]]
@@ -541,7 +541,7 @@ def _roots(bottom: NDArray[Any], top: NDArray[Any], gains: Array) -> list[NDArra
 
 
 def filter_response(numerator: ArrayLike, denominator: ArrayLike, signal: ArrayLike, axis: int = -1) -> Array:
-    """The answer of a sampled transfer function to a signal, from rest.
+    """The response of a sampled transfer function to a signal, from rest.
 
     Parameters
     ----------
@@ -555,9 +555,9 @@ def filter_response(numerator: ArrayLike, denominator: ArrayLike, signal: ArrayL
     Returns
     -------
     Array
-        The answer, of the signal's shape.
+        The response, in the shape of the signal.
     """
-    # Imported here: scipy.signal loads scipy.stats. Both take a second, and reading a scenario needs neither.
+    # Imported on use: scipy.signal loads scipy.stats. Both take a second, and reading a scenario needs neither.
     from scipy.signal import lfilter
 
     return np.asarray(lfilter(numerator, denominator, signal, axis=axis))
@@ -566,16 +566,16 @@ def filter_response(numerator: ArrayLike, denominator: ArrayLike, signal: ArrayL
 def check_model(
     where: str, model: tuple, inputs: int | None = None, outputs: int | None = None
 ) -> tuple[Array, Array, Array, Array]:
-    """Matrices that fit each other, all finite.
+    """Check that matrices are finite and fit each other.
 
     Parameters
     ----------
     where
-        Name of the caller, with which messages begin.
+        Name of the caller, for messages.
     model
-        A, B, C and D; None for C or D that do not matter.
+        A, B, C and D; None for C or D takes the identity or zeros.
     inputs, outputs
-        How many there must be; any number unless given.
+        Required numbers of these; any number unless given.
 
     Returns
     -------

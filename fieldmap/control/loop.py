@@ -1,9 +1,9 @@
-"""Closed loops: what every run of one has, and the loop of a sampled linear plant, one run or thousands.
+"""The base class of closed-loop runs, and the loop of a sampled linear plant, for one run or thousands.
 
 The loop of a magnet on a map is `fieldmap.dynamics.simulate_closed_loop`. Both take the same controllers and
-instruments, and both return a `LoopRun`. Their compiled loops stay apart: this one advances a state by one matrix
-product a sample, for many runs at once; the other one integrates a rigid body in an interpolated field between the
-samples and ends at events. Every controller is a block there, PID controllers and regulators too.
+instruments, and both return a `LoopRun`. Their compiled loops differ: this one advances a state by one matrix product
+per sample, for many runs at once; the other one integrates a rigid body in an interpolated field between the samples
+and ends at events. Every controller runs as a block, PID controllers and regulators too.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from fieldmap.typing import Array
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LoopRun(Record, ABC):
-    """A closed-loop run of any plant: time (samples,), s, of the records; references: what was asked for."""
+    """A closed-loop run of any plant: time (samples,), s, of the records; references: set points at these times."""
 
     time: Array
     references: Array
@@ -36,22 +36,22 @@ class LoopRun(Record, ABC):
     @property
     @abstractmethod
     def response(self) -> Array:
-        """What the references are for, as it was."""
+        """The controlled quantities, to compare with `references`."""
 
     @property
     @abstractmethod
     def outputs(self) -> Array:
-        """Of the controller."""
+        """Outputs of the controller."""
 
     @property
     def error(self) -> Array:
-        """Response less references."""
+        """Response minus references."""
         return self.response - self.references
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LinearLoopRun(LoopRun):
-    """Closed-loop runs of a linear plant, deviations from the operating point.
+    """Closed-loop runs of a linear plant, as deviations from the operating point.
 
     time (samples,), s; references (samples,); y (runs, samples): the true output of the plant; u (runs, samples): the
     controller's output.
@@ -86,7 +86,7 @@ def simulate_loop(
 ) -> LinearLoopRun:
     """Closed-loop runs of a sampled plant from rest, one controller step per sample.
 
-    A limit of the controller or the drive saturates as it would.
+    Limits of the controller and the drive saturate the signals.
 
     Parameters
     ----------
@@ -94,17 +94,17 @@ def simulate_loop(
         (numerator, denominator) in q or (A, B, C, D), sampled at the controller's Ts; one input, one output,
         strictly proper.
     controller
-        A PID, a regulator, or a block of one output, whose signals of all axes are this one.
+        A PID, a regulator, or a block of one output, which reads this plant on all axes.
     reference
         (samples,), in the unit of the plant's output.
     Ts
-        Sampling time of a block, which does not know it, s.
+        Sampling time, s; only for a block, which does not store it.
     runs
-        How many.
+        Number of runs.
     position_noise, voltage_noise, current_noise, disturbance
         Numbers, (samples,) or (runs, samples), for example of a seeded generator. Position noise is in the
-        unit of the plant's output, voltage noise is that at the converter, current noise is in the unit of
-        the drive; the disturbance adds to the plant's input.
+        unit of the plant's output, voltage noise acts at the converter, current noise is in the unit of the
+        drive; the disturbance adds to the plant's input.
     instruments
         Converters and drive; ideal unless given.
 
@@ -146,7 +146,7 @@ def simulate_loop(
 
 
 def _block(controller: PID | Regulator | Controller, given: float | None) -> tuple[float, Controller]:
-    """Sampling time and block of one output: the controller's own, or those that are given. Raises InputError."""
+    """Sampling time, and the controller as a block of one output. Raises InputError."""
     where = "simulate_loop(Ts)"
     if isinstance(controller, PID | Regulator):
         must = f"must be the controller's, {controller.Ts:g} s"
@@ -164,7 +164,7 @@ def _block(controller: PID | Regulator | Controller, given: float | None) -> tup
 
 
 def strictly_proper(plant: tuple, caller: str) -> Plant:
-    """Of one input and one output, whose output does not wait for its input."""
+    """A plant of one input and one output without direct gain. Raises InputError for any other."""
     where, must = f"{caller}(plant)", "must be (numerator, denominator) or (A, B, C, D)"
     remedy = "see fieldmap.control.transfer_function and StateSpace"
     arguments.check(len(plant) in (2, 4), where, must, f"{len(plant)} parts", remedy)
@@ -189,10 +189,10 @@ def _fitting(name: str, values: ArrayLike, shape: tuple[int, int]) -> Array:
 def compensated_reference(
     height: ArrayLike, horizontal: ArrayLike, Ts: float, push: float, duration: float
 ) -> Array:
-    """The vertical reference, less a push for some time after each change of a horizontal reference.
+    """The vertical reference, minus a push for some time after each change of a horizontal reference.
 
-    The push has the sign of the change: less for a rising horizontal reference, more for a falling one. A
-    change during a push begins a new one.
+    The push has the sign of the change: the vertical reference is smaller after a rise of the horizontal one, and
+    larger after a fall. A change during a push begins a new one.
 
     Parameters
     ----------
@@ -203,9 +203,9 @@ def compensated_reference(
     Ts
         Sampling time, s.
     push
-        Its size, m.
+        Size of the push, m.
     duration
-        Its duration, s.
+        Duration of the push, s.
 
     Returns
     -------

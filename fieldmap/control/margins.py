@@ -1,4 +1,4 @@
-"""Margins of a loop, from the curve of what comes back to one place of it."""
+"""Stability margins of a loop from its open-loop frequency response."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,19 +10,21 @@ from fieldmap.records import Record
 from fieldmap.typing import Array
 
 _REAL, _STEADY = 1e-2, 1e-4
-"""Slope, imaginary over real, at the lowest frequency up to which a curve comes from the real axis; change from there
-to the next frequency up to which it comes from a finite value, and slope of rounding."""
+"""Largest imaginary over real part at the lowest frequency of a curve that begins on the real axis; largest relative
+change to the next frequency of a curve that begins at a finite value, and largest imaginary over real part at the
+highest frequency, where only rounding keeps a curve off the real axis."""
 
 
 @dataclass(frozen=True, repr=False)
 class Margins(Record):
-    """How far a pole is from the border of stability at one output of the controller, the other loops being closed.
+    """Stability margins at one output of the controller, with the other loops closed.
 
-    gain_up, gain_down: factors of that output which bring a pole there (infinite and 0 where none does); phase: deg,
-    that lag or lead brings it there; crossover: frequency at which the phase is taken, Hz; modulus: smallest distance
-    of the loop's curve from -1, which one number bounds all of them (0.5 is comfortable). NaN where a loop has no
-    crossover. unstable: this loop's share of the unstable modes; all shares are 0 where the machine is stable, or
-    unstable along axes that no output feels. Where another axis is unstable, the margins are still those of this loop.
+    gain_up, gain_down: factors of the output that bring a pole to the border of stability (infinite and 0 if none
+    does); phase: lag or lead, deg, that does; crossover: frequency of the phase margin, Hz; both NaN for a loop without
+    crossover. modulus: smallest distance of the loop's curve from -1, which bounds the other margins (0.5 is
+    comfortable). unstable: this loop's share of the unstable modes; all shares are 0 if the machine is stable, or
+    unstable only along axes that no output affects. If another axis is unstable, the margins are still those of this
+    loop.
     """
 
     output: str
@@ -35,7 +37,7 @@ class Margins(Record):
 
 
 def margins_of_curves(frequencies: Array, curves: NDArray[Any]) -> Array:
-    """gain_up, gain_down, phase, crossover and modulus, as in `Margins`, of k curves, (5, k).
+    """gain_up, gain_down, phase, crossover and modulus of k curves, (5, k), as in `Margins`.
 
     Parameters
     ----------
@@ -49,11 +51,11 @@ def margins_of_curves(frequencies: Array, curves: NDArray[Any]) -> Array:
     Array
         The margins. They are those of a loop only if it is stable.
     """
-    # Of an open loop the curve is 0.
+    # The curve of an open loop is 0.
     log = np.log(np.maximum(np.abs(curves), np.finfo(float).tiny))
     angle = np.unwrap(np.angle(-curves))
     share = _crossing(log, 0.0)
-    # Distance of the angle from that of -1, which is where -curve is 1.
+    # Angles are those of -curve, which are 0 where the curve passes through -1.
     there = angle[:, :-1] + share * np.diff(angle)
     phases = np.where(log[:, 1:] * log[:, :-1] <= 0.0, np.abs(np.angle(np.exp(1j * there))), np.inf)
     nearest = phases.argmin(axis=1)[:, None]
@@ -65,7 +67,7 @@ def margins_of_curves(frequencies: Array, curves: NDArray[Any]) -> Array:
     share = _crossing(angle, 2.0 * np.pi * np.maximum(turns[:, 1:], turns[:, :-1]))
     factor = np.exp(-log[:, :-1] - share * np.diff(log))
     crosses = np.diff(turns) != 0.0
-    # A real pole comes to the border at one end of the curve, where the curve becomes real without passing through.
+    # A real pole reaches the border at an end of the curve, which becomes real there without crossing the real axis.
     steady = np.abs(np.diff(np.abs(curves[:, :2]), axis=1)[:, 0]) < _STEADY * np.abs(curves[:, 0])
     begins = steady & (-curves[:, 0].real > np.abs(curves[:, 0].imag) / _REAL)
     ends = -curves[:, -1].real > np.abs(curves[:, -1].imag) / _STEADY
@@ -79,7 +81,7 @@ def margins_of_curves(frequencies: Array, curves: NDArray[Any]) -> Array:
 
 
 def _crossing(values: Array, level: Array | float) -> Array:
-    """Where values (k, n) between neighbours meet a level, as a share of the way from 0 to 1."""
+    """Fraction, 0 to 1, of each interval between neighbouring values (k, n) at which they meet a level."""
     change = np.diff(values)
     share = np.divide(level - values[:, :-1], change, out=np.zeros_like(change), where=change != 0.0)
     return np.clip(share, 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""The sampled PID controller: its gains, its transfer function, and how it runs."""
+"""The sampled PID controller: gains, transfer function, and runs."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from fieldmap.core.controller import SIGNALS, CoreController
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-# Shares of this error and of the one before in what an integral adds.
+# Weights of the present and of the previous error in the integral.
 INTEGRATION = {"rectangular": (1.0, 0.0), "trapezoidal": (0.5, 0.5)}
 USUAL_INTEGRATION: Final = "trapezoidal"
-"""Rule of the integral in Python and in scenario files unless another one is given."""
+"""Default rule of the integral, in Python and in scenario files."""
 ANTI_WINDUP = ("none", "clamping", "back_calculation")
 
 
@@ -65,7 +65,7 @@ class PID(Record):
 
 
 def _check_gains(where: str, Kc: float, Ti: float, Td: float, Ts: float, Tf: float) -> None:
-    """Of these an integral time may be infinite: there is no integral part."""
+    """Check the gains; an infinite Ti means no integral part."""
     arguments.check_numbers(where, Kc=Kc)
     arguments.check_positive(where, Ts=Ts, **({} if Ti == np.inf else {"Ti": Ti}))
     arguments.check_not_negative(where, Td=Td, Tf=Tf)
@@ -76,7 +76,7 @@ def pid_transfer_function(
 ) -> TransferFunction:
     """The sampled PID controller as a transfer function in q, from minus the measurement: docs/theory/control.md (3).
 
-    It is that from the error, too, if both weights of the set point are 1.
+    If both weights of the set point are 1, it is also the transfer function from the error.
 
     Parameters
     ----------
@@ -130,12 +130,11 @@ def pid_block(
     controller
         The controller.
     reading
-        What it reads of its axis.
+        Its reading of the axis.
     output
-        The output with which it starts.
+        Output at the start.
     at
-        Reference and position (7,) of that start; without it the block begins with nothing before its first
-        sample.
+        Signals (7,) at the start; without them all signals before the first sample are zero.
 
     Returns
     -------
@@ -152,7 +151,7 @@ def pid_block(
     proportional, error, slope, kd = _parts(controller, reading)
     ki, kept = controller.Kc * Ts / Ti, controller.Tf / (controller.Tf + Ts)
     now, before = INTEGRATION[controller.integration]
-    # Memory: integral, previous error, what is differentiated after the filter. D of (1) is its distance from it.
+    # Memory: integral, previous error, filtered input of the derivative. D of (1) is kd (input - filtered input).
     C = np.array([[1.0, ki * before, -kd]])
     D = (proportional + ki * now * error + kd * slope)[None]
     A, B, E = np.zeros((3, 3)), np.zeros((3, SIGNALS)), np.zeros((3, 1))
@@ -172,7 +171,7 @@ def pid_block(
 
 
 def _parts(controller: PID, reading: AxisReading) -> tuple[Array, Array, Array, float]:
-    """Proportional part, error and what is differentiated, (7,) each, times the signals; factor of the derivative."""
+    """Rows (7,) of proportional part, error and input of the derivative, by the signals; factor of the derivative."""
     sign = -1.0 if controller.acts_on_minus_error else 1.0
     wanted, measured = sign * reading.reference, sign * reading.measured
     proportional = controller.Kc * (controller.b * wanted - measured)
@@ -181,7 +180,7 @@ def _parts(controller: PID, reading: AxisReading) -> tuple[Array, Array, Array, 
 
 
 class RunningPID(RunningBlock):
-    """A PID controller with its memory, for a loop of your own: one call of `step` a sample.
+    """A PID controller with its memory, for a loop of your own: call `step` once per sample.
 
     >>> running = RunningPID(PID(Kc=2.0, Ti=0.1, Td=0.0, Ts=0.01))
     >>> [round(running.step(reference=1.0, measured=y), 3) for y in (0.0, 0.5)]
@@ -193,25 +192,25 @@ class RunningPID(RunningBlock):
         self.reset()
 
     def reset(self, integral: float = 0.0) -> None:
-        """Forget the past.
+        """Reset the memory.
 
         Parameters
         ----------
         integral
-            Where the integral part of the output begins.
+            Start value of the integral part of the output.
         """
         arguments.check_numbers("RunningPID.reset", integral=integral)
         self._start(pid_block(self.controller, ALONE, integral))
 
     def start(self, output: float, reference: float, measured: float) -> None:
-        """Begin without a bump, as after control by hand: the outputs go on from the present one.
+        """Start bumplessly, as after manual control: the output continues from its present value.
 
         Parameters
         ----------
         output
             The present output.
         reference, measured
-            What is asked for and what is measured there.
+            The present reference and measurement.
         """
         given = {"output": output, "reference": reference, "measured": measured}
         arguments.check_numbers("RunningPID.start", **given)
@@ -220,14 +219,14 @@ class RunningPID(RunningBlock):
         self._signals[0] = at
 
     def change(self, controller: PID) -> None:
-        """Go on with other gains, without a bump: the integral takes the change of the proportional part.
+        """Change the gains bumplessly: the integral compensates the change of the proportional part.
 
-        The derivative part goes on from its value; without derivative time it ends.
+        The derivative part continues from its value; without derivative time it is zero.
 
         Parameters
         ----------
         controller
-            With the new gains.
+            The controller with the new gains.
         """
         (last,) = self._signals
         proportional, _, slope, factor = _parts(self.controller, ALONE)

@@ -73,7 +73,7 @@ def levitated_plant(
 
 
 def _damping(where: str, damping: ArrayLike, axes: int) -> Array:
-    """(axes, axes), N s/m; a number is that of every axis."""
+    """Damping matrix (axes, axes), N s/m; a number holds for every axis."""
     given = np.asarray(damping, dtype=float)
     return arguments.check_matrix(
         f"{where}(damping)", given * np.eye(axes) if given.ndim == 0 else given, (axes, axes)
@@ -223,9 +223,9 @@ class MapPlant(Record):
     """A levitated magnet, linear about a point of a map and one set of currents, in the frame of the map (z up).
 
     position (3,), m; currents (n_coils,), A; mass, kg; stiffness (3, 3) = -dF_i/dx_j, N/m; force_per_signal
-    (3, signals), N per unit of each signal; damping (3, 3), N s/m; imbalance (3,): magnetic force plus weight over the
-    weight at the point, 0 at an equilibrium (what is not balanced accelerates the real magnet and is no part of the
-    linear model); assumptions: what the numbers rest on.
+    (3, signals), N per unit of each signal; damping (3, 3), N s/m; imbalance (3,): magnetic force plus weight at the
+    point, over the weight, 0 at an equilibrium (it accelerates the real magnet, but is not part of the linear model);
+    assumptions: of the numbers.
     """
 
     position: Array
@@ -239,9 +239,9 @@ class MapPlant(Record):
 
     @property
     def pole_products(self) -> Array:
-        """K_ii/m (3,), 1/s^2: product of the two poles of x, y and z, each alone. Negative: one of them is unstable.
+        """K_ii/m (3,), 1/s^2: product of the two poles of x, y and z, each alone. If negative, one pole is unstable.
 
-        Their sum is 0 for a moment that keeps its direction, whatever coils and iron are (Earnshaw).
+        Their sum is 0 for a moment that keeps its direction, with any coils and iron (Earnshaw).
         """
         return np.diag(self.stiffness) / self.mass
 
@@ -250,14 +250,14 @@ class MapPlant(Record):
         return levitated_plant(self.mass, self.stiffness, self.force_per_signal, self.damping)
 
     def to_control(self) -> python_control.StateSpace:
-        """`model` as a state space of python-control, with names. Raises FieldmapError where that is not installed."""
+        """`model` as a state space of python-control, with names. Raises FieldmapError if it is not installed."""
         axes = ("x", "y", "z")
         states = (*axes, *(f"velocity_{axis}" for axis in axes))
         inputs = [f"signal_{k}" for k in range(self.force_per_signal.shape[1])]
         return self.model().to_control(None, states, inputs, axes)
 
     def axis(self, axis: Literal["x", "y", "z"], signal: int = 0) -> StateSpace:
-        """One axis alone, the others held.
+        """One axis alone, with the others held.
 
         Parameters
         ----------
@@ -281,8 +281,8 @@ class MapPlant(Record):
     def damping_for_pole(self, axis: Literal["x", "y", "z"], pole: float) -> float:
         """The damping rate with which an axis alone has this real pole: -(s + K/(m s)).
 
-        A map knows no damping. Where an identification gives a pole, its slow one for instance, this is the
-        damping that it implies together with the map's stiffness.
+        A map has no damping. For a pole from an identification, such as the slow one, this is the damping that
+        follows from the pole and the map's stiffness.
 
         Parameters
         ----------
@@ -322,7 +322,7 @@ def plant_from_map(
     field
         An opened map, a solution, or any other `fieldmap.field.Field` with a box.
     payload
-        Whose magnet moves.
+        The levitated body.
     position
         The magnet's centre (3,), m.
     currents
@@ -333,12 +333,12 @@ def plant_from_map(
     damping
         N s/m, a number or (3, 3).
     moment
-        "fixed" keeps the direction that the payload states; "aligned" lets the moment follow B.
+        "fixed" keeps the payload's direction; "aligned" lets the moment follow B.
     signal_steps
-        (k,), over plus and minus which forces per signal are differenced; unless given, steps in which no
-        current changes by more than 1 % of the largest. The differences are exact where the force is linear
-        in the currents, and of second order in the step where iron saturates. Of iron with hysteresis they are
-        slopes of loops of this size, as of `FieldMap.by_currents`.
+        Steps (k,) of the central differences in each signal; unless given, steps in which no current changes
+        by more than 1 % of the largest. The differences are exact where the force is linear in the currents,
+        and of second order in the step where iron saturates. For iron with hysteresis they are slopes of loops
+        of this size, as in `FieldMap.by_currents`.
 
     Returns
     -------

@@ -120,7 +120,7 @@ def kalmd(
     D
         Direct gain (p, m); none unless given.
     G
-        How w enters, (n, k); B unless given.
+        Input matrix of w, (n, k); B unless given.
 
     Returns
     -------
@@ -181,7 +181,7 @@ def riccati(
 ) -> tuple[Array, Array]:
     """The solution of the discrete Riccati equation, and the gain of the feedback that follows from it."""
     failures = (np.linalg.LinAlgError, ValueError)
-    # In the unit of R: a weight of 1e-11, such as that of a sensor's noise in m^2, hinders the ordering of the modes.
+    # In units of R: a weight of 1e-11, such as a sensor's noise in m^2, hinders the ordering of the modes.
     unit = float(np.abs(R).max())
     weights = Q / unit, R / unit, None if S is None else S / unit
     try:
@@ -266,14 +266,14 @@ def regulator_block(regulator: Regulator, reading: AxisReading) -> ControllerBlo
     regulator
         The regulator.
     reading
-        How it reads its axis.
+        Its reading of the axis.
 
     Returns
     -------
     ControllerBlock
         The block.
     """
-    # Inputs of the estimator are control, then output. a, b predict the states; cx, dx give the filtered states.
+    # Inputs of the estimator: control, then output. a, b predict the states; cx, dx give the filtered states.
     a, b, c, d = (np.asarray(matrix, float) for matrix in regulator.estimator)
     cx, dx, n = c[1:], d[1:, 1], len(a)
     reference, measured = reading.reference, reading.measured

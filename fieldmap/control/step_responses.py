@@ -1,4 +1,4 @@
-"""Step responses: metrics of them, one definition for all, and models of first and second order fitted to them."""
+"""Metrics of step responses, and models of first and second order fitted to them."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from fieldmap.typing import Array
 
 @dataclass(frozen=True)
 class StepMetrics(Record):
-    """Times in s from the step on, infinite where the record ends before; overshoot as a share of the step.
+    """Times in s from the step on, infinite if the record ends before; overshoot as a share of the step.
 
     rise_time: from 10 % to 90 % of the step. peak_time: of the largest excursion in the direction of the step.
-    settling_time: after which the response stays within the band (2 % of the step unless another was asked for).
-    overshoot: of that peak beyond the final value, 0 if none. steady_rms: root mean square of the error against the
-    final value over the last part of the record.
+    settling_time: after which the response stays within the band (2 % of the step by default). overshoot: of that peak
+    beyond the final value, 0 if none. steady_rms: root mean square of the error against the final value over the last
+    part of the record.
     """
 
     rise_time: float
@@ -44,8 +44,8 @@ def step_metrics(
 ) -> StepMetrics:
     """Rise, peak and settling time, overshoot and steady RMS error of a step response.
 
-    Crossings are interpolated between samples. Noise is not removed: average it first, or read the settling
-    time of a noisy record with care.
+    Crossings are interpolated between samples. Noise is not removed: average a noisy record first, or use its
+    settling time with care.
 
     Parameters
     ----------
@@ -56,11 +56,11 @@ def step_metrics(
     initial
         Value before the step.
     final
-        Value that is asked for.
+        Set point after the step.
     band
         Band of settling, as a share of the step.
     steady_share
-        Last share of the record that the RMS is taken over.
+        Share of the record, at its end, over which the RMS is taken.
 
     Returns
     -------
@@ -86,9 +86,10 @@ def step_metrics(
     check(changes, "step_metrics(final)", "must differ from initial", repr(final), "give the step")
     since, share = moments - moments[0], (values - initial) / step
     peak = int(np.argmax(share))
+    high = _first_above(since, share, 0.9)
     tail = share[since >= (1.0 - min(steady_share, 1.0)) * since[-1]]
     return StepMetrics(
-        rise_time=_first_above(since, share, 0.9) - _first_above(since, share, 0.1),
+        rise_time=high - _first_above(since, share, 0.1) if np.isfinite(high) else np.inf,
         peak_time=float(since[peak]),
         settling_time=_settled(since, np.abs(share - 1.0), band),
         overshoot=max(0.0, float(share[peak] - 1.0)),
@@ -97,7 +98,7 @@ def step_metrics(
 
 
 def _first_above(time: Array, share: Array, level: float) -> float:
-    """When the level is first reached; NaN-free: infinite if never (and then the difference of two is infinite)."""
+    """Time at which the level is first reached; infinite if it never is."""
     above = np.flatnonzero(share >= level)
     return _crossing(time, share, int(above[0]), level) if above.size else np.inf
 
@@ -108,7 +109,7 @@ def _settled(time: Array, distance: Array, band: float) -> float:
 
 
 def _crossing(time: Array, values: Array, after: int, level: float) -> float:
-    """Where the straight line between sample after - 1 and sample `after` meets the level; infinite behind the last."""
+    """Time at which the line from sample after - 1 to sample `after` meets the level; infinite past the last sample."""
     if after in (0, time.size):
         return float(time[0]) if after == 0 else np.inf
     before, behind = values[after - 1], values[after]
@@ -118,10 +119,11 @@ def _crossing(time: Array, values: Array, after: int, level: float) -> float:
 def noisy_step_metrics(
     time: ArrayLike, response: ArrayLike, *, before: int, window: int, band: float = 0.02
 ) -> StepMetrics:
-    """`step_metrics` of a measured response whose levels are not known and whose samples are noisy.
+    """`step_metrics` of a measured response with unknown levels and noisy samples.
 
-    The final value is the mean of the last quarter. A band narrower than four standard deviations of what
-    noise is left is refused: settling would be the noise's. steady_rms is that of the record as measured.
+    The final value is the mean of the last quarter. A band narrower than four standard deviations of the
+    remaining noise is refused, since the noise would decide the settling time. steady_rms is taken from the
+    record as measured.
 
     Parameters
     ----------
@@ -130,10 +132,10 @@ def noisy_step_metrics(
     response
         (n,).
     before
-        Number of samples ahead of the step, whose mean is the initial value.
+        Number of samples before the step; their mean is the initial value.
     window
-        Samples over which a parabola is fitted around each sample (Savitzky and Golay), odd: choose it
-        shorter than a quarter of the rise.
+        Odd number of samples around each sample to which a parabola is fitted (Savitzky and Golay), shorter
+        than a quarter of the rise.
     band
         Band of settling, as a share of the step.
 
@@ -145,7 +147,7 @@ def noisy_step_metrics(
     Raises
     ------
     InputError
-        For signals that do not fit, and for a band that the noise fills.
+        For signals that do not fit, and for a band that is narrower than the noise.
     """
     where = "noisy_step_metrics"
     check_count(where, before=before, window=window)
@@ -157,7 +159,7 @@ def noisy_step_metrics(
     since, after = t[before:], y[before:]
     last = slice(-(after.size // 4), None)
     initial, final = float(np.mean(y[:before])), float(np.mean(after[last]))
-    # Here, as in `filter_response`: scipy.signal takes long to load.
+    # Imported on use, as in `filter_response`: scipy.signal takes long to load.
     from scipy.signal import savgol_filter
 
     smooth = savgol_filter(after, window, 2)
@@ -206,7 +208,7 @@ def fit_first_order(time: ArrayLike, response: ArrayLike, step: float = 1.0) -> 
     InputError
         For signals that do not fit.
     NotConverged
-        Where the fit does not end.
+        If the fit does not converge.
 
     Examples
     --------
@@ -230,7 +232,7 @@ def fit_first_order(time: ArrayLike, response: ArrayLike, step: float = 1.0) -> 
 def fit_second_order(time: ArrayLike, response: ArrayLike, step: float = 1.0) -> StepFit:
     """Fit gain w^2 / (s^2 + 2 damping w s + w^2), w the natural frequency in rad/s, no zeros: (18).
 
-    damping > 1 is two real poles.
+    damping > 1 means two real poles.
 
     Parameters
     ----------
@@ -251,7 +253,7 @@ def fit_second_order(time: ArrayLike, response: ArrayLike, step: float = 1.0) ->
     InputError
         For signals that do not fit.
     NotConverged
-        Where the fit does not end.
+        If the fit does not converge.
     """
     t, y = _response("fit_second_order", time, response, step)
     half = max(_time_to(t, y, 0.5), t[1])
@@ -275,7 +277,7 @@ def fit_second_order(time: ArrayLike, response: ArrayLike, step: float = 1.0) ->
 
 
 def _response(where: str, time: ArrayLike, response: ArrayLike, step: float) -> tuple[Array, Array]:
-    """Times since the first one, and what was measured."""
+    """Times relative to the first one, and the response."""
     t, y = check_record(where, 8, time=time, response=response)
     check_numbers(where, step=step)
     remedy = "give the height of the input's step"
@@ -295,8 +297,8 @@ def _fit(
     names: tuple[str, ...],
     model: Callable[..., TransferFunction],
 ) -> StepFit:
-    """answer: response (n,) of parameters, of which all after the gain are positive, so they are fitted as
-    logarithms; model: the one that they stand for."""
+    """answer: response (n,) for given parameters; those after the gain are positive, and are fitted as logarithms.
+    model: transfer function for given parameters."""
     scale = guess[0] if guess[0] else 1.0
 
     def unpack(x: Array) -> Array:

@@ -1,4 +1,4 @@
-"""PID controllers for a linear plant, by the margins that are asked for: docs/theory/control.md, Tuning."""
+"""PID controllers for a linear plant, tuned to required margins: docs/theory/control.md, Tuning."""
 
 from __future__ import annotations
 
@@ -20,22 +20,21 @@ from fieldmap.errors import Infeasible, Problem
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-# Frequencies of a curve; of these, every so many where the region of the optimum is searched.
+# Number of frequencies of a curve. The search for the region of the optimum uses every `_EVERY`-th of them.
 _FREQUENCIES, _EVERY, _SEED = 1500, 5, 1
-# Integral times over that of a radian at the crossover.
+# Range of the integral time, times the crossover in rad/s.
 _TIMES = (0.1, 1e4)
-# Merit of a loop: the logarithm of |Kc| / Ti if it has the margins, otherwise the first number and the share of the
-# margins; of an unstable loop the second number, times the size of its largest pole.
+# Merit of a loop: the logarithm of |Kc| / Ti if it has the margins, otherwise `_WITHOUT_MARGINS` plus the share of the
+# margins; for an unstable loop `_UNSTABLE` times the magnitude of its largest pole.
 _WITHOUT_MARGINS, _UNSTABLE = -1e3, -1e6
-# Shares of margins: the rounding of an optimum that is at a bound; what counts as far from it.
+# Shares of margins: spare above the required ones, for rounding; cap, so that the constraints stay finite.
 _SPARE, _AMPLE = 1e-9, 10.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TunedPID(Record):
-    """pid: the controller; margins: those of its loop; largest_pole: of the closed loop, by its size, below 1; share:
-    the least of the margins over what was asked for (gains by their logarithms), 1 or more where all were had.
-    """
+    """pid: the controller; margins: of its loop; largest_pole: largest magnitude of a closed-loop pole, below 1; share:
+    smallest ratio of a margin to the required one (gains by their logarithms), 1 or more if all are met."""
 
     pid: PID
     margins: Margins
@@ -54,10 +53,10 @@ def tune_pid(
     N: float = 10.0,
     integration: str = USUAL_INTEGRATION,
 ) -> TunedPID:
-    """The PID controller with at least these margins that takes off a constant disturbance fastest (largest |Kc|/Ti).
+    """The PID controller with these margins that rejects a constant disturbance fastest (largest |Kc| / Ti).
 
     Ti is at least 4 Td, so that the controller's zeros are real. It differentiates the measurement (c = 0). Limits,
-    anti-windup and weights of the set point leave the margins as they are: set them by
+    anti-windup and weights of the set point do not change the margins: set them by
     `dataclasses.replace(tuned.pid, upper=10.0)`.
 
     Parameters
@@ -68,30 +67,30 @@ def tune_pid(
     Ts
         Sampling time, s.
     gain_margin
-        Factor by which the gain may grow or shrink, above 1. Only an unstable plant limits how far it may shrink.
+        Factor by which the gain may grow or shrink, above 1. Only an unstable plant has a lower limit of the gain.
     phase_margin
         Degrees.
     modulus
-        Smallest distance of the loop's curve from -1, the inverse of the largest sensitivity. It bounds what the two
-        other margins do not see: curves that pass -1 at an angle.
+        Smallest distance of the loop's curve from -1, the inverse of the largest sensitivity. Unlike the two other
+        margins, it also bounds curves that pass -1 at an angle.
     crossover
-        Frequency at which the gain of the loop is 1, Hz; free unless given. Lower ones let less noise through.
+        Frequency at which the gain of the loop is 1, Hz; free unless given. A lower one passes less noise.
     N
         Td / Tf of the filter of the derivative; infinite for none.
     integration
-        Rule of the integral, as of `PID`.
+        Rule of the integral, as in `PID`.
 
     Returns
     -------
     TunedPID
-        The controller and what it reaches.
+        The controller, its margins and its largest pole.
 
     Raises
     ------
     Infeasible
-        Where no controller was found that has the margins. The message says what can be had, and `reachable` of the
-        error is that controller (None if none is stable). An unstable plant, a delay or slow sampling bound what
-        can be had.
+        If no controller with the margins was found. The message states the best margins found, and `reachable` of
+        the error is their controller (None if none is stable). An unstable plant, a delay or slow sampling limit
+        the margins.
     InputError
         For a plant or numbers that do not fit.
 
@@ -127,8 +126,8 @@ def tune_pid(
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """Loops of one plant under k PID controllers, columns of (4, k): what has their sign, logarithms of the crossover,
-    Hz, and of the integral time over that of a radian there, and 4 Td / Ti."""
+    """Loops of one plant under k PID controllers, given as columns of (4, k): a number with the sign of Kc; logarithms
+    of the crossover, Hz, and of the integral time times the crossover in rad/s; and 4 Td / Ti."""
 
     plant: Plant
     Ts: float
@@ -141,22 +140,22 @@ class _Search:
 
     @cached_property
     def frequencies(self) -> Array:
-        """Hz (n,), to half the sampling rate."""
+        """Frequencies (n,), Hz, up to half the sampling rate."""
         return np.geomspace(1e-5, 0.5, _FREQUENCIES) / self.Ts
 
     @cached_property
     def answers(self) -> NDArray[Any]:
-        """The plant's (n,), at the frequencies."""
+        """Frequency response (n,) of the plant at `frequencies`."""
         return self.answer(self.frequencies)
 
     def answer(self, frequencies: Array) -> NDArray[Any]:
-        """The plant's."""
+        """Frequency response of the plant."""
         q = np.exp(2j * np.pi * frequencies * self.Ts)[:, None, None]
         A, B, C = self.plant
         return np.asarray(np.linalg.solve(q * np.eye(len(A)) - A, B[None, :, None])[:, :, 0] @ C)
 
     def law(self, frequencies: Array, Ti: Array, Td: Array) -> NDArray[Any]:
-        """The controllers of Kc 1, of times (k, 1), s, at frequencies (n,) or (k, 1)."""
+        """Frequency response of controllers with Kc = 1 and times (k, 1), s, at frequencies (n,) or (k, 1)."""
         q = np.exp(2j * np.pi * frequencies * self.Ts)
         now, before = INTEGRATION[self.integration]
         Tf = Td / self.N
@@ -174,21 +173,21 @@ class _Search:
         return np.where(sign < 0.0, -1.0, 1.0) / there, Ti, Td
 
     def margins(self, Kc: Array, Ti: Array, Td: Array, every: int = 1) -> Array:
-        """Of the loops (5, k) of gains and times (k, 1), from every so many frequencies back from the last."""
+        """Margins (5, k) of the loops with gains and times (k, 1), at every `every`-th frequency, the last included."""
         some = slice(None, None, -every)
         frequencies, answers = self.frequencies[some][::-1], self.answers[some][::-1]
         return margins_of_curves(frequencies, Kc * self.law(frequencies, Ti, Td) * answers)
 
     def shares(self, margins: Array) -> Array:
-        """(4, k): margins (5, k) over what is asked for, those of gains by their logarithms."""
+        """Ratios (4, k) of margins (5, k) to the required ones; gains by their logarithms."""
         with np.errstate(divide="ignore"):
             gains = np.log([margins[0], 1.0 / margins[1]]) / np.log(self.gain_margin)
-        # A loop whose gain is nowhere 1 has no phase margin, and needs none.
+        # A loop without crossover has no phase margin, and needs none.
         phase = np.nan_to_num(margins[2] / self.phase_margin, nan=np.inf)
         return np.array([*gains, phase, margins[4] / self.modulus])
 
     def tuned(self, tried: Array, every: int = 1) -> list[TunedPID]:
-        """The controllers and what they reach, by every so many frequencies."""
+        """The controllers with their margins at every `every`-th frequency and their largest poles."""
         Kc, Ti, Td = self.gains(tried)
         margins = self.margins(Kc, Ti, Td, every)
         shares = self.shares(margins).min(axis=0)
@@ -203,7 +202,7 @@ class _Search:
         ]
 
     def largest_poles(self, pids: list[PID]) -> Array:
-        """Of the closed loops (k,), in q, by their size."""
+        """Largest magnitude (k,) of a closed-loop pole in q, for each controller."""
         A, B, C = self.plant
         n, through = len(A), np.outer(B, C)
         loops = np.empty((len(pids), n + 3, n + 3))
@@ -214,10 +213,10 @@ class _Search:
         return np.asarray(np.abs(np.linalg.eigvals(loops)).max(axis=1))
 
     def best(self) -> TunedPID | None:
-        """The loop of most merit; None if none was found that is stable.
+        """The loop with the largest merit; None if no stable one was found.
 
-        Differential evolution finds the region, but ends some 1e-3 from the optimum, at a place that rounding decides.
-        Sequential quadratic programming goes on from there.
+        Differential evolution finds the region, but ends about 1e-3 from the optimum, at a point that depends on
+        rounding. Sequential quadratic programming continues from there.
         """
         half = 0.5 / self.Ts
         at = (2e-4 * half, half) if self.crossover is None else (self.crossover, self.crossover)
@@ -251,7 +250,7 @@ class _Search:
 
         def spare(x: Array) -> Array:
             shares = self.shares(self.margins(*self.gains(with_sign(x)))).ravel()
-            # Margins without a bound are infinite.
+            # Margins may be infinite.
             return np.minimum(shares, _AMPLE) - 1.0 - _SPARE
 
         rule = {"type": "ineq", "fun": spare}
@@ -260,7 +259,7 @@ class _Search:
         return with_sign(found.x)[:, 0]
 
     def refusal(self, best: TunedPID | None) -> Infeasible:
-        """What can be had in the place of what was asked for, and what bounds it."""
+        """The error with the best margins that were found, and an unstable pole of the plant."""
         must = f"must have margins of {self.phase_margin:g} degrees, of a factor {self.gain_margin:g} and of a modulus "
         must += f"of {self.modulus:g}" + (
             "" if self.crossover is None else f" at a crossover of {self.crossover:g} Hz"

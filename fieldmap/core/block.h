@@ -1,6 +1,6 @@
-/* block.h: a map in one array of double-precision numbers: a header, and the coefficients behind it.
+/* block.h: a map in one array of double-precision numbers: a header, then the coefficients.
  *
- * Python keeps maps like this, and files for C hold them (map_file.h). Whole numbers are stored as reals.
+ * Python holds maps in this form, and so do files for C (map_file.h). Integers are stored as reals.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -9,11 +9,11 @@
 
 #include "map.h"
 
-/* Where things lie in the header: kind; whether points outside are clamped; number of sets; degree; lower corner, m;
- * 1 / spacing, 1/m; cells along each axis; spacing over the unit of length; that unit, m, and its inverse; in files,
- * whether the last set is a field that no current drives, how many sets of the iron's reaction to magnets lie behind all
- * others, of how many of these the sign is -1, and of how many coils inductances and then constant linkages lie at the
- * end. */
+/* Indices of the header: kind; whether points outside are clamped; number of sets; degree; lower corner, m; 1 / spacing, 1/m;
+ * cells along each axis; spacing divided by the unit of length; that unit, m, and its inverse. Only files use the others:
+ * whether the last set is a field that no current drives; number of sets of the iron's reaction to magnets, which follow all
+ * other sets; how many of these, the last ones, have the sign -1; number of coils whose inductances, then constant linkages,
+ * end the block. */
 enum {
     FIELDMAP_KIND = 0, FIELDMAP_CLAMPS = 1, FIELDMAP_SETS = 2, FIELDMAP_DEGREE = 3, FIELDMAP_LOWER = 4,
     FIELDMAP_INVERSE = 7, FIELDMAP_CELLS = 10, FIELDMAP_LOCAL = 13, FIELDMAP_LENGTH = 16, FIELDMAP_PER_LENGTH = 17,
@@ -21,7 +21,7 @@ enum {
     FIELDMAP_HEADER = 24
 };
 
-/* A whole number from low to high, or -1. NaN fails every comparison. */
+/* The integer from low to high that a number stores, or -1 if it stores none. NaN fails every comparison. */
 static inline long fieldmap_whole(double value, long low, long high)
 {
     long whole;
@@ -30,8 +30,8 @@ static inline long fieldmap_whole(double value, long low, long high)
     return (double)whole == value ? whole : -1;
 }
 
-/* A map that lies in a block of `count` numbers, which must outlive it. components: of Hermite form, 3, or 1 of the
- * potential. FIELDMAP_DAMAGED unless the header is sound and promises exactly that many numbers. */
+/* Fill a map from a block of `count` numbers, which must outlive the map. components: of a Hermite form, 3 for flux density or
+ * 1 for the potential. Returns FIELDMAP_DAMAGED unless the header is valid and its sizes agree with `count`. */
 static inline int fieldmap_of_block(fieldmap *map, const double *block, uint64_t count, int components)
 {
     long kind, degree, sets, size;
@@ -71,7 +71,7 @@ static inline int fieldmap_of_block(fieldmap *map, const double *block, uint64_t
     map->n_coils = (int)sets;
     map->constant = 0;
     map->per_length = (fm_real)block[FIELDMAP_PER_LENGTH];
-    /* A build in another `real` has its coefficients in constants. */
+    /* Builds with another type of `real` have their coefficients as constants, not in a block. */
     if (sizeof(fm_real) == sizeof(double)) map->coefficients = (const fm_real *)(const void *)(block + FIELDMAP_HEADER);
     return left == 1 && map->coefficients != NULL ? FIELDMAP_OK : FIELDMAP_DAMAGED;
 }

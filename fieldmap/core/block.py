@@ -1,20 +1,20 @@
-"""Where things lie in a block, the array in which a map's coefficients lie (fieldmap/core/block.h).
+"""Layout of a block, the array that holds the coefficients of a map (fieldmap/core/block.h).
 
-A header comes first; whole numbers are stored as floats. Set s of place n begins at HEADER + (n SETS + s) size, places
-in C order of x, y, z: cells, or nodes of a Hermite form.
+A header comes first; integers are stored as floats. The coefficients of set s in cell n, or at node n of a Hermite
+form, begin at HEADER + (n SETS + s) size. Cells and nodes are in C order of x, y, z.
 """
 
 from fieldmap.core.library import LIBRARY
 from fieldmap.typing import Array
 
 KIND: int = LIBRARY.KIND
-"""What the coefficients are of: HERMITE, HARMONIC or GLOBAL."""
+"""Form of the map: HERMITE, HARMONIC or GLOBAL."""
 RULE: int = LIBRARY.CLAMPS
-"""What a point outside gives: NAN_OUTSIDE, or CLAMP, the value at the nearest point of the box."""
+"""Result at a point outside: NAN_OUTSIDE, or CLAMP, the value at the nearest point of the box."""
 SETS: int = LIBRARY.SETS
-"""How many fields there are."""
+"""Number of fields."""
 DEGREE: int = LIBRARY.DEGREE
-"""Of the potential, if it is a polynomial."""
+"""Degree of the potential, if it is a polynomial."""
 LOWER: int = LIBRARY.LOWER
 """Lower corner of the box, 3 numbers, m."""
 INVERSE: int = LIBRARY.INVERSE
@@ -22,28 +22,28 @@ INVERSE: int = LIBRARY.INVERSE
 CELLS: int = LIBRARY.CELLS
 """Number of cells along each axis."""
 LOCAL: int = LIBRARY.LOCAL
-"""Spacing over LENGTH, 3 numbers."""
+"""Spacing divided by LENGTH, 3 numbers."""
 LENGTH: int = LIBRARY.LENGTH
-"""Unit of length of the polynomials, m; 1 where there is none."""
+"""Unit of length of the polynomials, m; 1 for other forms."""
 PER_LENGTH: int = LIBRARY.PER_LENGTH
 """1 / LENGTH, 1/m."""
 HEADER: int = LIBRARY.HEADER
-"""Where the coefficients begin."""
+"""Index of the first coefficient."""
 HERMITE: int = LIBRARY.HERMITE
 HARMONIC: int = LIBRARY.HARMONIC
 GLOBAL: int = LIBRARY.GLOBAL
 NAN_OUTSIDE, CLAMP = 0, 1
 EDGE: float = LIBRARY.EDGE
-"""A point this far outside, in cells, still counts as inside: the rounding of upper = lower + (n - 1) spacing."""
+"""A point outside by up to this many cells counts as inside, because upper = lower + (n - 1) spacing is rounded."""
 
 
 def set_size(block: Array) -> int:
-    """How many numbers a set of a block of a field has at one place.
+    """Number of coefficients that a field has in one cell, or at one node of a Hermite form.
 
     Parameters
     ----------
     block
-        Coefficients behind their header.
+        Header and coefficients of a map.
 
     Returns
     -------

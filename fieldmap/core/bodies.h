@@ -1,8 +1,8 @@
 /* bodies.h: force and torque on bodies that act on each other (docs/theory/reaction.md, docs/theory/wrench.md).
  *
- * On each body act fields of others, the dipoles of all other bodies, and the iron's reaction to all of them. The moments of
- * soft iron follow the sum. They make the energy least, and each is found with the others held until none moves: Gauss and
- * Seidel's method, which descends for pieces that do not overlap. In double precision.
+ * Three fields act on each body: external fields, the field of the dipoles of all other bodies, and the iron's reaction to all
+ * bodies. The moments of soft iron follow their sum and minimise the energy. The Gauss-Seidel method finds them: it updates one
+ * moment at a time, and it converges for pieces that do not overlap.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -11,25 +11,24 @@
 
 #include "magnetic_body.h"
 
-/* The status of moments that come to no end: bodies overlap. */
+/* Status: the moments do not converge, because bodies overlap. */
 enum { FIELDMAP_UNSETTLED = 64 };
 
-/* A body at a place, turned by turn[9], frame of the map. */
+/* A body at a place, with rotation turn[9], frame of the map. */
 typedef struct fieldmap_placed {
     const fieldmap_magnetic_body *body;
     double place[3], turn[9];
 } fieldmap_placed;
 
-/* A point of body number `owner` at which the field acts: its number there; where it lies from the origin of the body and in
- * the map; its moment, and how that changes with a weight; the whole flux density; the gradient without that of other bodies;
- * of soft iron, dm/dB. */
+/* Point `number` of body `owner`. arm: from the origin of the body; at: in the map; moment, and change: its derivative with
+ * respect to a weight; flux: of all fields; gradient: without the other bodies; slope: dm/dB of soft iron. */
 typedef struct fieldmap_site {
     int owner, number;
     double arm[3], at[3], moment[3], change[3], flux[3], gradient[9], slope[9];
 } fieldmap_site;
 
-/* Fields at points of bodies: flux[(p * fields + k) * 3] and gradient[(p * fields + k) * 9] of field k at weight 1. Of the
- * iron's reaction the sign is -1 for the last `repelled`. */
+/* Fields at points of bodies: flux[(p * fields + k) * 3] and gradient[(p * fields + k) * 9] of field k at weight 1. In the
+ * iron's reaction the last `repelled` fields have the sign -1. */
 typedef struct fieldmap_acting {
     int fields;
     const double *weights, *flux, *gradient;
@@ -40,7 +39,7 @@ typedef struct fieldmap_reacting {
     const double *flux, *gradient;
 } fieldmap_reacting;
 
-/* sites: one for each point of the bodies, one body behind the other; weights: w_k of the reaction. */
+/* sites: one for each point, one body after the other; by: external fields; of: the reaction, with the weights w_k. */
 typedef struct fieldmap_bodies {
     int count, points;
     const fieldmap_placed *placed;
@@ -50,7 +49,7 @@ typedef struct fieldmap_bodies {
     double weights[FIELDMAP_REACTION_FIELDS];
 } fieldmap_bodies;
 
-/* How many points bodies have. */
+/* Number of points of all bodies. */
 static inline int fieldmap_points_of(int count, const fieldmap_placed *placed)
 {
     int n, points = 0;
@@ -63,14 +62,14 @@ static inline int fieldmap_is_soft(const fieldmap_bodies *all, const fieldmap_si
     return site->number >= all->placed[site->owner].body->n_dipoles;
 }
 
-/* The moment of a site in a flux density; its energy as that of fieldmap_body_moment. */
+/* Fill the moment of a site in a flux density. Returns the energy, as fieldmap_body_moment does. */
 static inline double fieldmap_site_moment(const fieldmap_bodies *all, const fieldmap_site *site, const double *flux, double *moment)
 {
     const fieldmap_placed *of = all->placed + site->owner;
     return fieldmap_body_moment(of->body, site->number, of->turn, flux, moment);
 }
 
-/* Fill the sites from the poses: where they lie, and the fixed moments. Soft iron has none yet. */
+/* Fill the positions of the sites from the poses, and the fixed moments. The moments of soft iron are 0. */
 static inline void fieldmap_place_bodies(fieldmap_bodies *all)
 {
     static const double none[3] = {0.0, 0.0, 0.0};
@@ -87,7 +86,7 @@ static inline void fieldmap_place_bodies(fieldmap_bodies *all)
     }
 }
 
-/* Add to flux[3] and, unless NULL, gradient[9] field k of `count` at point p, times a factor. */
+/* Add field k of `count` fields at point p, times a factor, to flux[3] and, unless NULL, gradient[9]. */
 FIELDMAP_INLINE void fieldmap_add_field(const double *fluxes, const double *gradients, int count, int p, int k, double factor,
                                         double *flux, double *gradient)
 {
@@ -97,7 +96,7 @@ FIELDMAP_INLINE void fieldmap_add_field(const double *fluxes, const double *grad
     for (i = 0; i < 9 && gradient != NULL; i++) gradient[i] += factor * gradients[9 * at + (size_t)i];
 }
 
-/* Add to flux[3] and, unless NULL, gradient[9] at point p the reaction with weights w_k. */
+/* Add the reaction with weights w_k at point p to flux[3] and, unless NULL, gradient[9]. */
 static inline void fieldmap_add_reaction(const fieldmap_reacting *of, int p, const double *weights, double *flux, double *gradient)
 {
     int k;
@@ -106,7 +105,7 @@ static inline void fieldmap_add_reaction(const fieldmap_reacting *of, int p, con
                            flux, gradient);
 }
 
-/* Add to weights w_k those of a moment at point p. */
+/* Add the contribution of a moment at point p to the weights w_k of the reaction. */
 static inline void fieldmap_add_reacting(const fieldmap_reacting *of, int p, const double *moment, double *weights)
 {
     const double *each = of->flux + (size_t)p * (size_t)of->fields * 3;
@@ -114,7 +113,7 @@ static inline void fieldmap_add_reacting(const fieldmap_reacting *of, int p, con
     for (k = 0; k < of->fields; k++) weights[k] += fieldmap_dot(moment, each + 3 * k);
 }
 
-/* Flux density and, unless NULL, gradient at point p: of others, and of the reaction. */
+/* Flux density and, unless NULL, gradient of the external fields and the reaction at point p. */
 static inline void fieldmap_field_on_site(const fieldmap_bodies *all, int p, double *flux, double *gradient)
 {
     const fieldmap_acting *by = &all->by;
@@ -125,7 +124,7 @@ static inline void fieldmap_field_on_site(const fieldmap_bodies *all, int p, dou
     fieldmap_add_reaction(&all->of, p, all->weights, flux, gradient);
 }
 
-/* Add to flux[3] the field of a dipole `source` at r[3] from it, and to force[3] what it does to a dipole `moment` there. */
+/* Add the field of a dipole `source` at a distance r[3] to flux[3], and its force on a dipole `moment` there to force[3]. */
 static inline void fieldmap_add_dipole(
     const double *r, const double *source, const double *moment, double *flux, double *force)
 {
@@ -139,8 +138,8 @@ static inline void fieldmap_add_dipole(
     }
 }
 
-/* Add to flux[3] at site p the field of the moments of all other bodies, or of their changes, and to force[3] what it does to
- * a dipole `acted` there. */
+/* Add the field of the moments (or their changes) of all other bodies at site p to flux[3], its force on a dipole `acted` to
+ * force[3]. */
 static inline void fieldmap_add_others(
     const fieldmap_bodies *all, int p, int changes, const double *acted, double *flux, double *force)
 {
@@ -154,8 +153,8 @@ static inline void fieldmap_add_others(
     }
 }
 
-/* Find the moments of soft iron, k < 0, or their changes with the weight of field k; and the weights of the reaction to them
- * and, for moments, to fixed ones. Whether they came to an end. */
+/* Find the moments of soft iron, if k < 0, or their derivatives with respect to the weight of field k. Fills the weights of the
+ * reaction to them and, if k < 0, also to the fixed moments. Returns whether the iteration converged. */
 static inline int fieldmap_settle(fieldmap_bodies *all, int k, double *reacting)
 {
     enum { STEPS = 200 };
@@ -191,7 +190,7 @@ static inline int fieldmap_settle(fieldmap_bodies *all, int k, double *reacting)
     return moved <= 1e-18 * whole;
 }
 
-/* Add to wrench[6] a force, the torque of a flux density on a moment, and that of the force at an arm. */
+/* Add a force, the torque of a flux density on a moment, and the torque of the force at an arm to wrench[6]. */
 FIELDMAP_INLINE void fieldmap_add_force(
     const double *force, const double *flux, const double *moment, const double *arm, double *wrench)
 {
@@ -200,9 +199,9 @@ FIELDMAP_INLINE void fieldmap_add_force(
     fieldmap_add_cross(arm, force, wrench + 3);
 }
 
-/* wrench[6 * count] on the placed bodies, each about its origin, and, unless NULL, the energy of all, J: -m . B of fixed
- * moments and -integral of m dB of soft iron in the whole field, each pair of bodies and the reaction counted once. Whether
- * the moments of soft iron came to an end. */
+/* Fill wrench[6 * count] on the placed bodies, each about its origin, and, unless NULL, the energy of all, J: -m . B of fixed
+ * moments and -integral of m dB of soft iron in the whole field, with each pair of bodies and the reaction counted once.
+ * Returns whether the moments of soft iron converged. */
 static inline int fieldmap_bodies_wrench(fieldmap_bodies *all, double *wrench, double *energy)
 {
     const int settled = fieldmap_settle(all, -1, all->weights);
@@ -226,7 +225,7 @@ static inline int fieldmap_bodies_wrench(fieldmap_bodies *all, double *wrench, d
     return settled;
 }
 
-/* Add to wrench[6 * count] what the changes of moments do that follow from the weight of field k. */
+/* Add the wrench of the changes of moments with the weight of field k to wrench[6 * count]. Returns whether they converged. */
 static inline int fieldmap_add_changes(fieldmap_bodies *all, int k, double *wrench)
 {
     double reacting[FIELDMAP_REACTION_FIELDS];
@@ -253,7 +252,7 @@ static inline int fieldmap_add_changes(fieldmap_bodies *all, int k, double *wren
     return settled;
 }
 
-/* out[9]: dm/dB of a site of soft iron in its whole flux density, frame of the map. */
+/* Fill out[9]: dm/dB of a site of soft iron at its flux density, frame of the map. */
 static inline void fieldmap_site_slope(const fieldmap_bodies *all, const fieldmap_site *site, double *out)
 {
     const fieldmap_placed *of = all->placed + site->owner;
@@ -263,8 +262,8 @@ static inline void fieldmap_site_slope(const fieldmap_bodies *all, const fieldma
     fieldmap_turned_matrix(of->turn, own, out);
 }
 
-/* slopes[6 * count * fields]: the derivatives of the wrench by the weights of the fields of others, after
- * fieldmap_bodies_wrench. */
+/* Fill slopes[6 * count * fields], the derivatives of the wrench with respect to the weights of the external fields, after
+ * fieldmap_bodies_wrench. Returns whether the changes of moments converged. */
 static inline int fieldmap_bodies_slopes(fieldmap_bodies *all, double *room, double *slopes)
 {
     const int fields = all->by.fields, rows = 6 * all->count;
@@ -288,14 +287,14 @@ static inline int fieldmap_bodies_slopes(fieldmap_bodies *all, double *room, dou
     return settled;
 }
 
-/* How many numbers of room the fields of a map at points take. */
+/* Numbers of room that fieldmap_wrench_in_map needs. */
 static inline size_t fieldmap_looked_room(const fieldmap *map, int points)
 {
     return 12 * (size_t)points * (1 + (size_t)(map->reaction == NULL ? 0 : map->reacting));
 }
 
-/* The wrench as above in a map's field at its weights, and in its reaction. room: of fieldmap_looked_room. The status of the
- * first point at which the field is not known, with that point's number in *fault unless NULL. */
+/* As fieldmap_bodies_wrench, in the field of a map at its weights and in its reaction. room: as fieldmap_looked_room says.
+ * Returns the status of the first point at which the field is unknown, with its number in *fault unless NULL. */
 static inline int fieldmap_wrench_in_map(
     fieldmap_bodies *all, const fieldmap_path *field, double *room, double *wrench, double *energy, int *fault)
 {

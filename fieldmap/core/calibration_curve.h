@@ -1,8 +1,8 @@
-/* calibration_curve.h: the height of a magnet from the reading of one field sensor, as desk levitators find it.
+/* calibration_curve.h: the height of a magnet from the reading of one field sensor, as in desk levitators.
  *
- * The share of the currents is taken off. What is left tells the height by a curve through calibrated points, with their
- * slopes (piecewise cubic, once continuously differentiable). Beyond its ends the curve keeps the height of the end.
- * In fm_real (real.h): double, or single precision for microcontrollers with FIELDMAP_REAL float.
+ * The contribution of the currents is subtracted from the reading. A piecewise cubic curve through calibrated points, with
+ * given slopes there, gives the height; it is once continuously differentiable. Beyond its ends the curve keeps the height of
+ * the end. In fm_real (real.h): double, or single precision for microcontrollers with FIELDMAP_REAL float.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -11,8 +11,8 @@
 
 #include "real.h"
 
-/* constant: reading without currents and magnet, T; per_ampere[n_coils]: share of the currents, T/A. Points of the curve, two
- * or more: readings[nodes] of the magnet, T, rising; heights[nodes], m; slopes[nodes], dz/dr, m/T. */
+/* constant: reading without currents and magnet, T; per_ampere[n_coils]: contribution of the currents, T/A. Points of the
+ * curve, two or more: readings[nodes] of the magnet, T, rising; heights[nodes], m; slopes[nodes], dz/dr, m/T. */
 typedef struct fieldmap_calibration_curve {
     int nodes, n_coils;
     fm_real constant;

@@ -1,9 +1,8 @@
-/* caller.h: all kinds of maps behind one question, for callers that hold an address and nothing else.
+/* caller.h: one interface to all kinds of maps, for callers that hold only an address.
  *
- * FieldMap.compiled() gives numba such an address; callers in C with pointers to functions can take these as well. A map at
- * fixed currents, of linear iron, of saturating iron and with a table of currents answer alike. Nothing is allocated. Any
- * number of threads may use one caller at a time, but for saturating iron: its state remembers the last currents, and
- * belongs to one thread.
+ * FieldMap.compiled() gives numba such an address; C code can use it through pointers to functions. The interface is the same
+ * for maps at fixed currents, of linear iron, of saturating iron and with a table of currents. Nothing is allocated. Several
+ * threads may use one caller at a time, except with saturating iron, whose state belongs to one thread.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -15,11 +14,11 @@
 #include "electrical.h"
 #include "flux_linkage.h"
 
-/* Most fields behind those of the coils that a table may give. */
+/* Largest number of fields that a table may add to those of the coils: it bounds the stack. */
 enum { FIELDMAP_CALLER_FIELDS = 4096 };
 
-/* map: all fields whose sum is asked for. iron: from currents to their weights, where the iron saturates; table: instead of
- * it. Both NULL: the currents are the weights. body: what wrench and linkages are asked of, or NULL. linkage: of the coils. */
+/* map: the fields. iron: model of saturating iron that gives their weights from the currents; table: used instead of the model.
+ * If both are NULL, the currents are the weights. body: for wrench and linkages, or NULL. linkage: of the coils. */
 typedef struct fieldmap_caller {
     const fieldmap *map;
     fieldmap_iron_state *iron;
@@ -28,14 +27,14 @@ typedef struct fieldmap_caller {
     fieldmap_linkage linkage;
 } fieldmap_caller;
 
-/* How many currents a caller is asked with. */
+/* Number of currents that a caller takes. */
 static inline int fieldmap_caller_coils(const fieldmap_caller *of)
 {
     if (of->iron != NULL) return of->iron->map->n_coils;
     return of->table != NULL ? 6 : of->map->n_coils;
 }
 
-/* The weights of the fields at currents, which lie in the state until the next solve. NULL: none. */
+/* The weights of the fields at currents, or NULL if the solve fails. The weights are valid until the next solve. */
 static inline const double *fieldmap_caller_solved(fieldmap_iron_state *state, const double *currents)
 {
     return fieldmap_iron_follow(state, currents) == FIELDMAP_OK ? state->solution : NULL;
@@ -49,8 +48,8 @@ static inline int fieldmap_caller_tabled(
     return fieldmap_field_of_weights(of->map, weights, point, flux, gradient);
 }
 
-/* flux[3] and gradient[9] at point[3] for currents[], or NULL of a map at fixed currents. NaN unless the status is FIELDMAP_OK:
- * outside the box; beyond the domain of the iron; off the division of a table or beyond it. */
+/* Fill flux[3] and gradient[9] at point[3] for currents[], or for NULL if the map has fixed currents. Both are NaN unless the
+ * status is FIELDMAP_OK: outside the box, beyond the domain of the iron, or outside a table or its division of currents. */
 static inline int fieldmap_caller_field(
     const fieldmap_caller *of, const double *currents, const double *point, double *flux, double *gradient)
 {
@@ -71,7 +70,7 @@ static inline int fieldmap_caller_field(
     return status;
 }
 
-/* How many numbers of room a wrench takes; linkages take no more. */
+/* Numbers of room that fieldmap_caller_wrench needs; fieldmap_caller_linkages needs no more. */
 static inline size_t fieldmap_caller_room(const fieldmap_caller *of)
 {
     const size_t fields = (size_t)fieldmap_sets(of->map), coils = (size_t)fieldmap_caller_coils(of);
@@ -81,8 +80,9 @@ static inline size_t fieldmap_caller_room(const fieldmap_caller *of)
     return fields * (1 + 6 + coils + 12 * points) + 12 * points * reacting + sites;
 }
 
-/* wrench[6], N and N m, on the body at a place[3], turned by r[9], about its origin, and slopes[6 * coils], its derivatives
- * by the currents. Not of a table, which has no slopes everywhere. NaN unless the status is FIELDMAP_OK. */
+/* Fill wrench[6], N and N m, about the origin of the body at a place[3] with rotation r[9], and slopes[6 * coils], its
+ * derivatives with respect to the currents. A table is refused, because it does not have slopes everywhere. Results are NaN
+ * unless the status is FIELDMAP_OK. */
 static inline int fieldmap_caller_wrench(const fieldmap_caller *of, const double *currents, const double *place,
                                          const double *r, double *room, double *wrench, double *slopes)
 {
@@ -130,8 +130,8 @@ static inline int fieldmap_caller_wrench(const fieldmap_caller *of, const double
     return FIELDMAP_OK;
 }
 
-/* linkages[coils], Wb, with a body as of fieldmap_caller_wrench if there is one, and inductance[coils * coils], H, of the coils
- * without it. Not of a table. NaN unless the status is FIELDMAP_OK. */
+/* Fill linkages[coils], Wb, with the contribution of the body, if there is one, at the pose of fieldmap_caller_wrench, and
+ * inductance[coils * coils], H, without it. A table is refused. Results are NaN unless the status is FIELDMAP_OK. */
 static inline int fieldmap_caller_linkages(const fieldmap_caller *of, const double *currents, const double *place,
                                            const double *r, double *room, double *linkages, double *inductance)
 {

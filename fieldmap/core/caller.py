@@ -1,4 +1,4 @@
-"""Maps for callers that hold an address and nothing else: fieldmap/core/caller.h."""
+"""Maps for callers that hold only an address: fieldmap/core/caller.h."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,9 +14,9 @@ from fieldmap.core.map import CoreMap
 
 COILS: int = LIBRARY.CALLER_COILS
 ROOM: int = LIBRARY.CALLER_ROOM
-"""Positions in the words of a caller: how many currents it takes; how many numbers a wrench, or linkages, are asked
-with, answer in and work with: currents (n,), place (3,), rotation (9,), wrench (6,) and slopes (6, n), or linkages (n,)
-and inductances (n, n), and others."""
+"""Indices in the words of a caller: of the number of currents n, and of the length of the array `numbers` of
+call_wrench and call_linkages. This array begins with the arguments currents (n,), place (3,) and rotation (9,); the
+results wrench (6,) and slopes (6, n), or linkages (n,) and inductances (n, n), follow, then room."""
 
 
 def caller(
@@ -25,11 +25,12 @@ def caller(
     body: CoreBody | None = None,
     linkage: Any = None,
 ) -> NDArray[np.int64]:
-    """The words (4,) by which compiled code knows a map; the array keeps alive what they lead to, its copies do not.
+    """Return the words (4,) that describe a map to compiled code. The array keeps the map alive, but its copies do
+    not.
 
-    weights: what gives those of the map's fields from the currents, or None where these are the weights; with an
-    `IronState` for one thread at a time. body: what wrench and linkages are asked of. linkage: inductance (n, n) and
-    constant (n,) of the coils, as `fieldmap.store.StoredLinkage`.
+    weights: computes the weights of the map's fields from the currents; None if the currents are the weights. With an
+    `IronState` only one thread at a time may use the words. body: the magnetic body for wrench and linkages. linkage:
+    inductance (n, n) and constant (n,) of the coils, as in `fieldmap.store.StoredLinkage`.
     """
     solver = None
     if weights is not None:
@@ -38,11 +39,12 @@ def caller(
 
 
 def functions() -> Mapping[str, int]:
-    """The addresses of the functions in C, by name.
+    """Return the addresses of the C functions, by name.
 
-    double *call_field_of(const int64_t *words, const double *currents, double x, double y, double z): the three of the
-    field and the nine of its gradient, which lie there until the thread's next call. double *call_field(const int64_t
+    double *call_field_of(const int64_t *words, const double *currents, double x, double y, double z): three numbers
+    of the field and nine of its gradient, valid until the next call in the thread. double *call_field(const int64_t
     *words, double x, double y, double z): of a map at fixed currents. int call_wrench(const int64_t *words, double
-    *numbers): 0, or why not, with NaN in wrench and slopes; numbers as `ROOM` says. int call_linkages(...): the same.
+    *numbers): 0, or an error status with NaN in wrench and slopes; numbers: see `ROOM`. int call_linkages(...): the
+    same.
     """
     return LIBRARY.caller_functions()

@@ -46,7 +46,7 @@ typedef struct fieldmap_sensing {
  * density, T, to the one that the controller reads. latency: samples by which readings come late, with the currents of that
  * moment. noise[samples * (2 * count + n_coils)]: of the elements, T, of their converters, V, and of the measured currents, A.
  * history[(latency + 1) * (count + n_coils)]: readings and measured currents of the last samples. curve: finds the height of
- * the sensed point from sensor `sensor`; x and y are taken to be `beside`. NULL: there is no estimator. */
+ * the sensed point from sensor `sensor`; its x and y are assumed to be `beside`. NULL: there is no estimator. */
 typedef struct fieldmap_field_sensing {
     fieldmap_field_sensors sensors;
     const fieldmap_chain *chains;
@@ -76,11 +76,10 @@ typedef struct fieldmap_progress {
  * input converters, current_noise[n_coils]; disturbances[6] has `disturbed` rows, or one for all samples.
  * scans[3 * n_scans]: the caller puts the noise there, and the run adds the readings.
  *
- * The run advances state, currents, memory and load. commands: the present commanded currents; waiting: those of the last
- * sample; late: those of the sample before. signals: input of the controller, reference and measured position first, and behind
- * it the readings of field sensors and the measured currents. scratch: as long as the memory and twice the outputs. rows: at
- * most max_rows rows of state, currents, commands, measured position and outputs, and of coupled coils voltages and
- * temperatures. */
+ * The run advances state, currents, memory and load. commands: the present commanded currents; waiting: commands of the last
+ * sample; late: commands of the sample before. signals: input of the controller, reference and measured position first, then
+ * the readings of field sensors and the measured currents. scratch: as long as the memory and twice the outputs. rows: at most
+ * max_rows rows of state, currents, commands, measured position and outputs, and of coupled coils voltages and temperatures. */
 typedef struct fieldmap_loop {
     fieldmap_machine *machine;
     double step;
@@ -134,7 +133,7 @@ static inline void fieldmap_add_scans(fieldmap_loop *loop, const double *before,
 }
 
 /* Read the field sensors at a sample, and fill the measured position in the signals of the controller, NaN without an
- * estimator, and the readings and currents behind the signals. */
+ * estimator, and the readings and currents after the signals. */
 static inline void fieldmap_sense_field(fieldmap_loop *loop, int64_t sample)
 {
     const fieldmap_field_sensing *sensing = &loop->field_sensing;

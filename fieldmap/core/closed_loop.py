@@ -12,13 +12,13 @@ from fieldmap.core.machine import Allocation, InverseMap
 from fieldmap.typing import Array
 
 GOES_ON, PAUSED = LIBRARY.GOES_ON, LIBRARY.PAUSED
-"""No event; and outputs that are given are asked for."""
+"""Status of a run: no event; the run waits for outputs from the caller."""
 NO_FUNCTION, GIVEN = 0, -1
-"""In the place of an address: the controller is a block; outputs are given from outside, sample by sample."""
+"""Instead of the address of a function: the controller is a block; the caller gives the outputs, sample by sample."""
 
 
 class Timing(NamedTuple):
-    """Length of a mechanical step, s; steps per control period; delay in steps; periods from row to row."""
+    """Length of a mechanical step, s; steps per control period; delay in steps; control periods per recorded row."""
 
     step: float
     per_period: int
@@ -27,9 +27,10 @@ class Timing(NamedTuple):
 
 
 class Sensing(NamedTuple):
-    """into (3, 3), shift (3,): an ideal sensor reads into p + shift; chains (3, 10): as fieldmap_chain (instruments.h),
-    positions in readings; back (3, 3): the inverse of into; scan (5,): s from scan to scan, 0 for no scanning; scans by
-    which a mean comes late; scans whose mean each shows. field: sensors that the loop reads in the place of these."""
+    """into (3, 3), shift (3,): ideal sensors read into p + shift; chains (3, 10): as fieldmap_chain (instruments.h),
+    with positions as readings; back (3, 3): the inverse of into; scan (5,): time between scans, s, or 0 for no
+    scanning, then the delay of the averages in scans, then the number of scans that each sensor averages. field:
+    field sensors that replace these."""
 
     into: Array
     shift: Array
@@ -40,19 +41,19 @@ class Sensing(NamedTuple):
 
     @property
     def shown(self) -> int:
-        """How many readings and measured currents of field sensors the loop shows behind its signals."""
+        """Number of readings and measured currents of field sensors that follow the signals of the loop."""
         return 0 if self.field is None else self.field.history.shape[1]
 
     @property
     def measured(self) -> slice:
-        """Where the numbers that a controller function gets lie in what is seen."""
+        """Slice of `Loop.seen` that a controller function gets."""
         if self.field is None or self.field.curve is not None:
             return slice(3, 6)
         return slice(SIGNALS, SIGNALS + self.shown)
 
 
 class Ending(NamedTuple):
-    """What ends a run: sum of the contacts that do; longest saturation in periods, 0 for any."""
+    """Ends of a run: sum of the contacts that end it; longest saturation in periods, 0 for no limit."""
 
     contacts: int
     longest_saturation: int
@@ -60,9 +61,8 @@ class Ending(NamedTuple):
 
 class Signals(NamedTuple):
     """References (p, 3), feed-forward (p, m), loads (p or 1, 6: disturbing force and torque), noise of the position
-    (p, 3), of the input converters (p, 3), of the currents (p, n); scans (k, 3), which hold their noise;
-    field_noise (p, 2 s + n) of s field sensors, T, their converters, V, and the measured currents, A; (p, 0)
-    without."""
+    (p, 3), of the input converters (p, 3), of the currents (p, n); scans (k, 3), which initially hold their noise;
+    field_noise (p, 2 s + n) of s field sensors, T, their converters, V, and the measured currents, A."""
 
     references: Array
     feedforward: Array
@@ -75,8 +75,8 @@ class Signals(NamedTuple):
 
 
 class ControlLaw(NamedTuple):
-    """From what is seen to voltages. address: of a function, NO_FUNCTION or GIVEN; controller: of a `CoreController`,
-    of which a function takes the limits only; inverse: None for outputs that go to the allocation."""
+    """From measurements to voltages. address: of a function, NO_FUNCTION or GIVEN; controller: of a `CoreController`;
+    a function uses only its limits; inverse: None if the outputs go to the allocation."""
 
     address: int
     controller: Any
@@ -85,9 +85,9 @@ class ControlLaw(NamedTuple):
 
 
 class Progress(NamedTuple):
-    """What a run has done so far: samples; mechanical steps; rows; periods that a limit has held without a break;
-    whether the next sample is sensed; what its controller returned; number of the next scan; what was ever touched;
-    whether the currents lie where it is known how the field follows them."""
+    """State of a run: numbers of samples, mechanical steps and rows so far; consecutive periods in which a limit was
+    active; whether the next sample is sensed already; number that the controller function returned; index of the next
+    scan; flags of all contacts so far; whether the currents lie in the table or the model of the iron."""
 
     samples: int
     steps: int
@@ -102,9 +102,10 @@ class Progress(NamedTuple):
 
 class Loop(NamedTuple):
     """A run, which is advanced in place. machine: of a `CoreMachine`; state (13,), currents (n,), memory of the
-    controller, load (6,). progress: the numbers of `Progress`. Room: commands now, those that wait, and those before
-    (n,) each; seen (7,): as a controller takes it, and (s + n,) of field sensors behind it; outputs (m,), scratch
-    (memory + 2 m,), voltages (n,). rows (r, 13 + 2 n + 3 + m): state, currents, commands, what is seen, outputs."""
+    controller, load (6,). progress: the numbers of `Progress`. Room: commands at present, waiting ones and earlier
+    ones, (n,) each; seen (7,): the signals of the controller, then (s + n,) numbers of field sensors; outputs (m,),
+    scratch (memory + 2 m,), voltages (n,). rows (r, 13 + 2 n + 3 + m): state, currents, commands, measured position,
+    outputs; voltages and temperatures (2 n) more with coupled coils."""
 
     machine: Any
     timing: Timing
@@ -130,19 +131,19 @@ class Loop(NamedTuple):
         return f"Loop({len(self.signals.references)} samples)"
 
     def begin(self) -> int:
-        """The load at the beginning, and the first scan; an event, or GOES_ON."""
+        """Compute the load at the beginning and the first scan; return an event, or GOES_ON."""
         return int(LIBRARY.loop_begin(self))
 
     def go_on(self) -> int:
-        """Run to the end, which is GOES_ON, an event or a pause; which of them."""
+        """Run on; return GOES_ON at the end of the run, an event, or PAUSED."""
         return int(LIBRARY.loop_run(self))
 
     @property
     def done(self) -> Progress:
-        """What was done so far."""
+        """Progress of the run so far."""
         return Progress(*self.progress.tolist())
 
     @property
     def time(self) -> float:
-        """Of the mechanics, s."""
+        """Time of the mechanical steps so far, s."""
         return float(self.done.steps * self.timing.step)

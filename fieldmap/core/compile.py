@@ -1,11 +1,10 @@
-"""Compiles the run time: the C files beside this module become modules of Python beside them.
+"""Compile the C files of this folder to modules of Python in the same folder.
 
     python fieldmap/core/compile.py
 
-The compiler is the one that the environment variable CC names, with any options of its own, or the one of the wheel
-`ziglang`, which needs nothing else on the machine, and compiles for other systems too (scripts/dev/wheels.py). An
-installation runs this once. Nothing of the package is imported here, because an installation runs it before there is
-anything else.
+The environment variable CC names the compiler, with any options. Without CC the compiler is that in the wheel
+`ziglang`, which needs nothing else on the machine and also compiles for other systems (scripts/dev/wheels.py). An
+installation runs this file before the package exists, so this file imports nothing of the package.
 """
 
 import importlib.util
@@ -22,10 +21,10 @@ import numpy
 
 FOLDER = Path(__file__).parent
 COMPILER = "ziglang==0.17.1"
-"""Requirement of an installation without CC."""
-# Products and sums are fused within an expression only, so that a point has the same bits alone and among others; and
-# mathematical functions set no error numbers. Nothing else changes results. With exceptions of floating-point
-# numbers, which nobody reads, gcc would not compute both sides of a choice in vectors.
+"""An installation without CC requires this wheel."""
+# Products and sums are fused only within an expression, so that a point has the same bits alone and in a batch.
+# Mathematical functions do not set errno. Floating-point exceptions are not supported, because gcc would not
+# vectorise conditional expressions with them. No other option changes results.
 _OPTIONS = (
     "-std=c99",
     "-O3",
@@ -35,17 +34,17 @@ _OPTIONS = (
     "-fvisibility=hidden",
     "-shared",
 )
-# By machine: processors for which a library is compiled, from the one that any has to the newest.
+# By architecture: the processor levels for which a library is compiled, oldest first.
 _PROCESSORS = {"x86_64": ("x86-64-v2", "x86-64-v3", "x86-64-v4")}
 _MACHINES = {"AMD64": "x86_64", "x86-64": "x86_64", "arm64": "aarch64"}
-# By system: how zig calls it (the oldest C library or system that it may have), and how modules end.
+# By system: the target name of zig, with the oldest supported C library or system version, and the suffix of modules.
 _SYSTEMS = {
     "linux": ("linux-gnu.2.17", "so"),
     "darwin": ("macos.13.0", "so"),
     "win32": ("windows-gnu", "pyd"),
 }
-# By system: what a module needs so that its names of Python are found when it is loaded; Windows has an import library
-# for these. On macOS a module would also keep the path under which it was written.
+# By system: linker options with which the symbols of Python are resolved when a module is loaded. Windows has an
+# import library for them. On macOS `-install_name` keeps the path of the build out of the module.
 _LINKING = {
     "linux": ("-fPIC",),
     "darwin": ("-fPIC", "-Wl,-undefined,dynamic_lookup", "-Wl,-install_name,library"),
@@ -53,15 +52,15 @@ _LINKING = {
 
 
 def machine() -> str:
-    """The processor's architecture, as compilers call it."""
+    """Return the architecture of the processor by its name in compilers."""
     name = platform.machine()
     return _MACHINES.get(name, name)
 
 
 def libraries(machine: str, system: str) -> dict[str, Path]:
-    """By processor, from the one that any machine of this architecture has to the newest: where its module lies.
+    """Return the path of the module for each processor level, oldest first.
 
-    The dot in its name hides it from programs that look for modules to import.
+    The dot in the file name hides the module from programs that search for modules to import.
     """
     ending = _SYSTEMS.get(system, _SYSTEMS["linux"])[1]
     processors = _PROCESSORS.get(machine, (machine,))
@@ -69,7 +68,7 @@ def libraries(machine: str, system: str) -> dict[str, Path]:
 
 
 def wheel_tag(machine: str, system: str) -> str:
-    """The tag of wheels for a system: the oldest for which zig compiles, and all Pythons from 3.11 on."""
+    """Return the tag of wheels for the oldest supported version of a system, and for Python from 3.11 on."""
     platform = {
         "linux": f"manylinux_2_17_{machine}",
         "darwin": f"macosx_13_0_{'arm64' if machine == 'aarch64' else machine}",
@@ -81,10 +80,10 @@ def wheel_tag(machine: str, system: str) -> str:
 def compile_libraries(
     machine: str, system: str, compiler: str | None, target: Path | None = None
 ) -> list[Path]:
-    """Compile for every processor of an architecture; the modules.
+    """Compile for every processor level of an architecture, and return the paths of the modules.
 
-    compiler: a command, or None for zig's. target: a folder with what differs on another system than this one, headers
-    in include/ and Python's import library in libs/. Raises RuntimeError with what the compiler said.
+    compiler: a command, or None for zig. target: a folder for another system, with its headers in include/ and the
+    import library of Python in libs/. Raises RuntimeError with the output of the compiler.
     """
     written, include = [], [sysconfig.get_path("include"), numpy.get_include()]
     if target is not None:
@@ -97,18 +96,18 @@ def compile_libraries(
     for processor, path in libraries(machine, system).items():
         newer = [] if processor == machine else [processor]
         if compiler is None:
-            # Without symbols, which zig would write, for Windows into a file beside.
+            # -s leaves out debugging symbols, which zig otherwise writes, on Windows into another file.
             chosen = [sys.executable, "-m", "ziglang", "cc", "-s"]
             chosen += ["-target", f"{machine}-{_SYSTEMS[system][0]}"]
             chosen += [f"-mcpu={name.replace('-', '_')}" for name in newer]
         else:
             first, *own = shlex.split(compiler)
             chosen = [first, *(f"-march={name}" for name in newer)]
-        # In its place only when it is whole: another process may be loading the old one. What a compiler writes beside
-        # it stays behind.
+        # The module replaces the old one only when it is complete, because another process may be loading the old
+        # one. Other files that the compiler writes are deleted with the temporary folder.
         with tempfile.TemporaryDirectory(dir=FOLDER) as folder:
             new = Path(folder, path.name)
-            # The user's own options come behind, and win.
+            # Options of the user come later, so they take precedence.
             command = [*chosen, *_OPTIONS, *own, *headers, "-o", str(new), str(FOLDER / "python.c"), *linked]
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             if done.returncode:
@@ -119,7 +118,7 @@ def compile_libraries(
 
 
 def main() -> int:
-    """Compile for this machine."""
+    """Compile for this machine, and return the exit status."""
     compiler = os.environ.get("CC")
     if compiler is None and importlib.util.find_spec("ziglang") is None:
         print(f'no compiler: pip install "{COMPILER}", or set CC', file=sys.stderr)

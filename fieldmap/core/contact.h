@@ -1,7 +1,4 @@
-/* contact.h: walls that a body can touch, a floor, a ceiling, an upright tube: penalties at points of its surface
- * (docs/theory/dynamics.md (19), (20)).
- *
- * In double precision.
+/* contact.h: penalty forces of floor, ceiling and upright tube on points of a surface (docs/theory/dynamics.md (19), (20)).
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -10,17 +7,17 @@
 
 #include "rotation.h"
 
-/* What is touched, as a sum. */
+/* Flags of contacts. */
 enum { FIELDMAP_FREE = 0, FIELDMAP_ON_FLOOR = 1, FIELDMAP_ON_CEILING = 2, FIELDMAP_ON_WALL = 4, FIELDMAP_ON_BODY = 8 };
 
 /* stiffness, N/m, and damping, N s/m, of the penalty; friction: Coulomb's coefficient; slip: m/s, below which friction is
- * viscous; heights of floor and ceiling, m; radius of the tube and its axis (x, y), m. Infinite where there is none. */
+ * viscous; heights of floor and ceiling, m; radius of the tube and its axis (x, y), m. Absent walls are at infinity. */
 typedef struct fieldmap_walls {
     double stiffness, damping, friction, slip, floor, ceiling, radius, axis[2];
 } fieldmap_walls;
 
-/* Add the force and torque of a wall with inward normal n[3] on a point, at an arm from the centre of mass, that is `depth`
- * inside of it and moves at v[3]: force in the frame of the map, torque in that of the body, which is turned by r[9]. */
+/* Add the force, frame of the map, and the torque, frame of the body, of a wall with inward normal n[3]. A point of the body,
+ * at an arm from the centre of mass, is at a depth inside the wall and moves at v[3]. r[9]: rotation of the body. */
 static inline void fieldmap_add_push(const fieldmap_walls *walls, double depth, const double *n, const double *v,
                                      const double *arm, const double *r, double *load)
 {
@@ -38,8 +35,8 @@ static inline void fieldmap_add_push(const fieldmap_walls *walls, double depth, 
     fieldmap_add(own, load + 3);
 }
 
-/* Add to load[6] what walls do to a body with `count` points of its surface at skin[3 * count], which is at position[3],
- * turned by r[9], and moves at velocity[3] and, in its own frame, angular_velocity[3]. What is touched. */
+/* Add the forces and torques of the walls to load[6] of a body with `count` points of its surface at skin[3 * count]. r[9]:
+ * rotation of the body; angular_velocity[3]: in its own frame. Returns the flags of the contacts. */
 static inline int fieldmap_add_contact(const fieldmap_walls *walls, int count, const double *skin, const double *position,
                                        const double *r, const double *velocity, const double *angular_velocity, double *load)
 {

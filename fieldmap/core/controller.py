@@ -10,15 +10,14 @@ from fieldmap.typing import Array
 SIGNALS: int = LIBRARY.SIGNALS
 """Reference (3) and measured position (3), m, frame of the map, and 1."""
 DONE, FAILED, WRONG_LENGTH = 0, 1, 2
-"""What a controller that is a C function returns; any number but DONE ends the run. An exception, and outputs of
-another number, are reported by numbers of their own."""
+"""Results of a controller function in C: success, exception, wrong number of outputs. All but DONE end the run."""
 
 
 class Block(NamedTuple):
-    """A (k, n, n), B (k, n, 7), C (k, m, n), D (k, m, 7), E, F (k, n, m): one of each, or k at equal steps of one
-    signal, between which they are linear; lower, upper (m,): limits of the outputs; hold (n,), int64: number of the
-    output for an integral that stops at its limit, -1 elsewhere; nodes (3,): first value, step, number of that
-    signal."""
+    """A (k, n, n), B (k, n, 7), C (k, m, n), D (k, m, 7), E, F (k, n, m): matrices, constant (k = 1) or at k
+    equidistant values of a signal with linear interpolation; lower, upper (m,): limits of the outputs; hold (n,),
+    int64: index of the output at whose limit an integral stops, -1 for other numbers of the memory; nodes (3,): first
+    value, step and index of the signal."""
 
     A: Array
     B: Array
@@ -47,14 +46,13 @@ class CoreController:
         outputs: Array,
         memories: Array | None = None,
     ) -> int:
-        """Fill outputs (p, m) of p samples, signals (p, 7), one after the other, and advance memory (n,); at how many
-        of them a limit held an output back. feedforward (p, m), or None for none. memories (p, n): memory after
-        each."""
+        """Fill outputs (p, m) for p successive samples, signals (p, 7), and advance memory (n,). Returns the number
+        of samples at which a limit was active. feedforward (p, m) or None. memories (p, n): memory after each."""
         return int(LIBRARY.control(self.controller, signals, feedforward, memory, outputs, memories))
 
     def quiet_feedforward(self, references: Array, wanted: Array, memory: Array, feedforward: Array) -> None:
-        """Fill feedforward (p, m), with which it gives the outputs wanted (p, m) where the sensed point is at its
-        references (p, 3). memory (n,) is advanced."""
+        """Fill feedforward (p, m), with which the controller gives the outputs wanted (p, m) while the sensed point
+        is at its references (p, 3). memory (n,) is advanced."""
         LIBRARY.quiet_feedforward(self.controller, references, wanted, memory, feedforward)
 
     def __reduce__(self) -> tuple[Any, ...]:

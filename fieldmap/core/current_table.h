@@ -20,10 +20,10 @@
 enum { FIELDMAP_TABLE_FOUND = 0, FIELDMAP_TABLE_BESIDE = 48, FIELDMAP_TABLE_BEYOND = 49 };
 
 /* exponent: n of the division; limit: largest current of a coil, A, or infinity; mismatch: allowed difference between the
- * currents and those of their signals, as a share of u; lower, upper: range of u, x, y. sizes: numbers of nodes for u, x, y;
- * fields: number of weights. nodes: for u, x, y; knots: of the splines, four more than nodes, the first four and the last four
- * equal. coefficients (sizes, fields): of the splines; slopes (sizes, 6, fields): d weights / d currents at the nodes, 1/A, or
- * NULL for weights that are constant outside. */
+ * currents and the currents of their signals, as a share of u; lower, upper: range of u, x, y. sizes: numbers of nodes for u,
+ * x, y; fields: number of weights. nodes: for u, x, y; knots: of the splines, four more than nodes, the first four and the last
+ * four equal. coefficients (sizes, fields): of the splines; slopes (sizes, 6, fields): d weights / d currents at the nodes,
+ * 1/A, or NULL for weights that are constant outside. */
 typedef struct fieldmap_current_table {
     double exponent, limit, mismatch, lower[3], upper[3];
     int sizes[3], fields;
@@ -78,8 +78,8 @@ static inline int fieldmap_table_cell(const double *nodes, int count, double v, 
     return i;
 }
 
-/* Add to weights[fields] the slopes at signals[3], interpolated trilinearly, times off[6], the difference of the currents from
- * those of the signals. */
+/* Add to weights[fields] the slopes at signals[3], interpolated trilinearly, times off[6], the difference between the currents
+ * and the currents of the signals. */
 static inline void fieldmap_table_add_slopes(
     const fieldmap_current_table *table, const double *signals, const double *off, double *FIELDMAP_RESTRICT weights)
 {

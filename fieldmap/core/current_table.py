@@ -8,15 +8,15 @@ from fieldmap.typing import Array
 FOUND: int = LIBRARY.TABLE_FOUND
 BESIDE: int = LIBRARY.TABLE_BESIDE
 BEYOND: int = LIBRARY.TABLE_BEYOND
-"""How good the weights of a table are: of a division in it; of currents beside every division; of a division beyond
-the table, or with a coil beyond the limit."""
+"""Status of the weights of a table: interpolated; the currents belong to no division; the division lies outside the
+table, or the current of a coil exceeds the limit."""
 
 
 class Table(NamedTuple):
-    """exponent: of the division; limit: of a coil's current, A, or infinity; mismatch: share of the lift by which
-    currents may be off their division; lower, upper (3,): of the signals u, x, y. nodes: of u, x and y (nu,), (nx,),
-    (ny,); knots: of their splines, four more each. coefficients (nu, nx, ny, k) of the splines; slopes (nu, nx, ny, 6,
-    k), 1/A, or (0, 0, 0, 0, 0) for none: outside the table the weights stay."""
+    """exponent: of the division; limit: largest current of a coil, A, or infinity; mismatch: allowed difference
+    between currents and their division, as a share of u; lower, upper (3,): range of the signals u, x, y. nodes: of
+    u, x and y (nu,), (nx,), (ny,); knots: of their splines, four more each. coefficients (nu, nx, ny, k) of the
+    splines; slopes (nu, nx, ny, 6, k), 1/A, or (0, 0, 0, 0, 0) for weights that are constant outside the table."""
 
     exponent: float
     limit: float
@@ -37,7 +37,7 @@ class CoreTable:
         self.table = LIBRARY.current_table(numbers)
 
     def weights(self, currents: Array, weights: Array) -> int:
-        """Fill weights (6 + k,) at currents (6,): the currents, then those of the table; how good they are."""
+        """Fill weights (6 + k,) at currents (6,): the currents, then weights of the table. Returns the status."""
         return int(LIBRARY.table_weights(self.table, currents, weights))
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -45,6 +45,6 @@ class CoreTable:
 
 
 def signals_of(currents: Array, exponent: float) -> tuple[float, float, float, float]:
-    """u, x, y of the division nearest to currents (6,), and by what share of u it is off."""
+    """Return u, x, y of the division nearest to currents (6,), and the largest difference as a share of u."""
     u, x, y, mismatch = LIBRARY.division_signals(currents, exponent)
     return u, x, y, mismatch

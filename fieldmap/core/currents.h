@@ -1,8 +1,6 @@
 /* currents.h: from the outputs of a controller to the voltages of the coils, their currents, and the weights of the fields
  * of a map (docs/theory/closed_loop.md (1) to (4), docs/theory/control.md (6)).
  *
- * In double precision.
- *
  * BSD-3-Clause, the fieldmap developers.
  */
 #ifndef FIELDMAP_CURRENTS_H
@@ -11,8 +9,8 @@
 #include "current_table.h"
 #include "iron.h"
 
-/* Outputs to voltages: those of a lift and two directions, where `division` is 1, of six coils; else matrix[n_coils *
- * n_outputs] times the outputs, plus constant[n_coils]. */
+/* Voltages from outputs. division = 1: the outputs are a lift and two directions of six coils. division = 0: the voltages are
+ * matrix[n_coils * n_outputs] times the outputs, plus constant[n_coils]. */
 typedef struct fieldmap_allocation {
     int division, n_coils, n_outputs;
     double exponent;
@@ -33,16 +31,16 @@ static inline void fieldmap_allocate(const fieldmap_allocation *allocation, cons
     }
 }
 
-/* A coil for one length h of step. decay: exp(-R h / L) of its winding; amplifier_decay: exp(-h / tau) of the amplifier's
- * own answer, 0 where it follows at once as far as its supply allows; highest, lowest: final currents of the supply, V / R. */
+/* A coil for steps of one length h. decay: exp(-R h / L) of its winding; amplifier_decay: exp(-h / tau) of the amplifier, 0 for
+ * one that responds at once within the limits of its supply; highest, lowest: V / R at the limits of the supply. */
 typedef struct fieldmap_winding {
     double decay, amplifier_decay, highest, lowest;
 } fieldmap_winding;
 
-/* Advance currents[n] by one step towards commands[n]; whether a supply limit held one back, and whether any changed.
+/* Advance currents[n] by one step towards commands[n]. held: a supply limit was active; moved: a current changed.
  *
- * L di/dt + R i = V, V what the amplifier asks for within its supply. The current goes where the amplifier steers it unless
- * the supply's limits allow less: exact for any length of step. */
+ * In L di/dt + R i = V the supply limits the voltage V of the amplifier. Each current takes the value that the amplifier
+ * demands, clipped to the values that the limits of the supply reach. The step is exact for any length. */
 static inline void fieldmap_advance_currents(
     const fieldmap_winding *windings, int n, const double *commands, double *currents, int *held, int *moved)
 {
@@ -60,7 +58,7 @@ static inline void fieldmap_advance_currents(
     }
 }
 
-/* Whether currents take their commands at once. */
+/* Whether the currents follow their commands without delay. */
 static inline int fieldmap_at_once(const fieldmap_winding *windings, int n)
 {
     int k, at_once = 1;
@@ -68,13 +66,13 @@ static inline int fieldmap_at_once(const fieldmap_winding *windings, int n)
     return at_once;
 }
 
-/* How the weights of a map's fields follow the currents, times `scale`, a calibration. Of linear iron, or saturating iron
- * linearised about currents: a field for each coil, and one of weight 1 behind them if there is one more. Of saturating
- * iron: by a table over a current division, or by its model, solved at these currents from where the last solves lead.
- * on_path: whether the currents are those of a path, along which the cells of iron with hysteresis move, or of trials.
+/* Weights of a map's fields from the currents, times `scale`, a calibration. Linear iron, or saturating iron linearised about
+ * currents, has a field for each coil and possibly one more of weight 1. For saturating iron the weights come from a table over
+ * a division of currents, or from its model, whose solve starts from an extrapolation of the last solves. on_path: whether the
+ * currents are on the path that iron with hysteresis remembers; trial currents are not.
  *
- * What solves have done so far: how many, their Newton steps, those that did not converge, at which the iron stayed as it
- * was, and those of currents beyond the domain of the model. */
+ * Counters: solves, Newton steps, solves that did not converge and left the iron unchanged, and solves at currents outside the
+ * domain of the model. */
 typedef struct fieldmap_superposition {
     double scale;
     int n_coils, n_fields, on_path;
@@ -83,8 +81,8 @@ typedef struct fieldmap_superposition {
     int64_t solves, newton_steps, unsolved, outside;
 } fieldmap_superposition;
 
-/* Weights by the model; whether the currents lie in its domain. Where a solve fails the iron stays as it was. NaN for
- * currents that are not finite. */
+/* Fill the weights from the model; returns whether the currents lie in its domain. A solve that fails leaves the iron
+ * unchanged. Weights are NaN for currents that are not finite. */
 static inline int fieldmap_follow_iron(fieldmap_superposition *of, const double *currents, double *weights)
 {
     fieldmap_iron_state *state = of->iron;
@@ -103,8 +101,8 @@ static inline int fieldmap_follow_iron(fieldmap_superposition *of, const double 
     return inside;
 }
 
-/* weights[n_fields] at currents[n_coils]; 0 for currents beyond a table, which goes on with its slopes there, or beyond the
- * domain of a model, which is solved there, too. */
+/* Fill weights[n_fields] at currents[n_coils]. Returns 0 for currents outside the table, where the weights are extrapolated
+ * with its slopes, or outside the domain of the model, which is solved there as well. */
 static inline int fieldmap_follow(fieldmap_superposition *of, const double *currents, double *weights)
 {
     int f, within = 1;

@@ -7,7 +7,7 @@
 
 #include <math.h>
 
-/* The six currents of a lift u and directions x, y; n: how much more the coils on the x axis follow x. */
+/* The six currents of a lift u and directions x, y. n: factor of x in the currents of the two coils on the x axis. */
 static inline void fieldmap_divide(double u, double x, double y, double n, double *currents)
 {
     double half;
@@ -17,8 +17,8 @@ static inline void fieldmap_divide(double u, double x, double y, double n, doubl
     currents[1] = half * (1.0 - n * x), currents[4] = half * (1.0 + n * x);
 }
 
-/* signals[3], u, x and y, whose currents are nearest to currents[6]; by what share of u these are off. Currents without a
- * mean have none: 0, 0, 0 and infinity. */
+/* Fill signals[3], the u, x and y whose currents are nearest to currents[6]. Returns the largest difference of these currents
+ * as a share of u. If the mean current is 0, the signals are 0 and the result is infinity. */
 static inline double fieldmap_division_signals(const double *currents, double n, double *signals)
 {
     double u = 0.0, worst = 0.0, near[6];

@@ -1,12 +1,11 @@
-/* electrical.h: coils that the flux linkages of a map couple with each other and with a payload, and what drives them
- * (docs/theory/electrical.md).
+/* electrical.h: drives of coils that flux linkages couple with each other and with a payload (docs/theory/electrical.md).
  *
- *     V_k = R_k I_k + d(linkage_k)/dt,   linkage = that of coils and iron at I + sum dB/dI . m of the payload
+ *     V_k = R_k I_k + d(linkage_k)/dt,   linkage = linkage of coils and iron at I + sum dB/dI . m of the payload
  *
- * A step is that of the implicit midpoint rule. The voltage of a coil is e - g times its mean current in the step: of a
- * source e is what is asked for; a current controller adds its gains; a limit replaces what is asked for. The linkages are
- * the state. What Newton's method leaves of them in a step is made good in the next one. Nothing is allocated. In double
- * precision.
+ * Steps follow the implicit midpoint rule. In a step the voltage of a coil is e - g times its mean current. For a voltage
+ * source e is the demand and g is 0; a current controller sets both by its gains; an active limit replaces the demand. The
+ * linkages are the state, so the next step corrects the error that Newton's method leaves in the currents. Nothing is
+ * allocated.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -16,26 +15,27 @@
 #include "currents.h"
 #include "flux_linkage.h"
 
-/* Where the voltage of a coil comes from: what is asked for, a limit of the supply, or one of the current. */
+/* Source of the voltage of a coil: the demand, a limit of the supply, or a limit of the current. */
 enum {
     FIELDMAP_CURRENT_LOWEST = -2, FIELDMAP_SUPPLY_LOWEST = -1, FIELDMAP_ASKED = 0, FIELDMAP_SUPPLY_HIGHEST = 1,
     FIELDMAP_CURRENT_HIGHEST = 2
 };
 
-/* Newton steps of a step in time; rounds for what limits hold in one of them, and the first of them, for all coils at once. */
+/* Largest numbers of Newton steps in a time step, and of rounds to find the active limits in a Newton step. In the first rounds
+ * (together) all coils may change their limits at once. */
 enum { FIELDMAP_ELECTRICAL_STEPS = 12, FIELDMAP_LIMIT_ROUNDS = 64, FIELDMAP_TOGETHER_ROUNDS = 8 };
 
-/* How far currents stray by the tangent at most until the iron is solved again, over the domain of the iron. */
+/* Largest change of the currents by the tangent until the iron is solved again, as a share of the iron's domain. */
 #define FIELDMAP_STRAY 0.02
 
-/* How far they may stray in any case: so near, the tangent misses less than any tolerance. */
+/* Change that is always allowed, as a share of the domain: the error of the tangent is then below any tolerance. */
 #define FIELDMAP_NEAR 1e-7
 
 /* A coil and its drive. resistance: ohm, at the reference temperature; lower, upper: V, of the supply; proportional, V/A,
- * integral, V/(A s): gains of a current controller, both 0 of a source of voltage; current_lower, current_upper: A, where a
- * source of voltage stops; slope: A/s or V/s, of what is asked for. A bridge loses `loss`, V, against the current, and in
- * proportion to it within `ripple`, A. warming: K/W; capacity: J/K; coefficient: 1/K, of the resistance; reference, ambient:
- * degC. */
+ * integral, V/(A s): gains of a current controller, both 0 for a voltage source; current_lower, current_upper: A, limits of a
+ * voltage source; slope: A/s or V/s, largest rate of the demand. loss: V, voltage drop of the bridge against the current,
+ * proportional to the current below `ripple`, A. warming: K/W; capacity: J/K; coefficient: 1/K, of the resistance; reference,
+ * ambient: degC. */
 typedef struct fieldmap_coil {
     double resistance, lower, upper, proportional, integral, current_lower, current_upper, slope, loss, ripple;
     double warming, capacity, coefficient, reference, ambient;
@@ -43,18 +43,18 @@ typedef struct fieldmap_coil {
 
 enum { FIELDMAP_COIL = 15 };
 
-/* linear: linkages of the coils, to which saturating iron adds (StoredLinkage). largest: A, of the domain of that iron.
+/* linear: linkages of the coils without saturating iron (StoredLinkage). largest: A, size of the domain of that iron.
  *
- * State of each coil: linkage, Wb; integral: of its controller, V; asked: what is asked for, after the limit of slope;
- * voltage: mean of the last step, V; heat, input: J, so far; temperature, degC; source: see the enumeration. known: whether
- * the linkages are those of a run. counted: heat by the last fieldmap_warm.
+ * State of each coil: linkage, Wb; integral: of its controller, V; asked: demand after the limit of slope; voltage: mean of the
+ * last step, V; heat, input: J, so far; temperature, degC; source: see the enumeration. known: whether a run has begun.
+ * counted: heat at the last fieldmap_warm.
  *
- * strayed: how far the currents are from those at which saturating iron was solved; reach: how far they may, A, below 0 where
- * it was not. resistance: at the temperature; met: linkages of coils and iron at the currents; tangent[n * n]: incremental
+ * strayed: change of the currents since saturating iron was solved; reach: largest change allowed, A, below 0 if the solve
+ * failed. resistance: at the temperature; met: linkages of coils and iron at the currents; tangent[n * n]: incremental
  * inductances at currents `at`, slopes[fields * n]: derivatives of the weights there; factor: of the matrix of a step of length
- * `step`, 0 for none, with inverses on its diagonal. along: the payload in each field. rows: for each of so many dipoles `points`
- * of the payload the coefficients, `row` numbers, of the derivative of the field by each current, in the cell of the map that is
- * one less than its number in `cells`, 0 for none. The rest is room. */
+ * `step` (0: none yet), with inverses on its diagonal. along: the payload in each field. rows: for each of the `points` dipoles
+ * of the payload, coefficients (`row` numbers) of the derivative of the field with respect to each current, in the cell of the
+ * map whose number plus 1 is in `cells`, 0 for none. The rest is room. */
 typedef struct fieldmap_electrical {
     int n, fields, points, row, known;
     double step, largest;
@@ -65,17 +65,17 @@ typedef struct fieldmap_electrical {
     int64_t tangents, steps;
 } fieldmap_electrical;
 
-/* Arrays of n numbers, which begin with those of the state. */
+/* Number of arrays of n numbers; the first FIELDMAP_ELECTRICAL_STATE of them are the state. */
 enum { FIELDMAP_ELECTRICAL_ARRAYS = 21, FIELDMAP_ELECTRICAL_STATE = 8 };
 
-/* Numbers of n coils in a map of so many fields, with a payload of so many dipoles. */
+/* Numbers of memory for n coils in a map, with a payload of `points` dipoles. */
 static inline size_t fieldmap_electrical_room(int n, const fieldmap *map, int points)
 {
     const size_t coils = (size_t)n, fields = (size_t)fieldmap_sets(map), row = (size_t)fieldmap_path_row(map);
     return coils * (FIELDMAP_ELECTRICAL_ARRAYS + 2 * coils + fields) + 4 * fields + 1 + (size_t)points * (coils * row + 1);
 }
 
-/* Lay out the arrays in memory of fieldmap_electrical_room() numbers that are zero. */
+/* Lay out the arrays in memory of fieldmap_electrical_room() zeros. */
 static inline void fieldmap_electrical_start(fieldmap_electrical *e, const fieldmap *map, int points, double *memory)
 {
     const size_t n = (size_t)e->n;
@@ -91,7 +91,7 @@ static inline void fieldmap_electrical_start(fieldmap_electrical *e, const field
     for (k = 0; k < e->n; k++) e->temperature[k] = e->coils[k].ambient;
 }
 
-/* Resistances at the temperatures. */
+/* Update the resistances to the temperatures. */
 static inline void fieldmap_resist_warm(fieldmap_electrical *e)
 {
     int k;
@@ -102,7 +102,7 @@ static inline void fieldmap_resist_warm(fieldmap_electrical *e)
     e->step = 0.0;
 }
 
-/* Advance the temperatures by a time in which the windings took the heat since the last call. */
+/* Advance the temperatures by a time, with the heat of the windings since the last call. */
 static inline void fieldmap_warm(fieldmap_electrical *e, double time)
 {
     int k, warmed = 0;
@@ -117,8 +117,7 @@ static inline void fieldmap_warm(fieldmap_electrical *e, double time)
     if (warmed) fieldmap_resist_warm(e);
 }
 
-/* Fill along[fields]: m . b of the body's moments in each field of the map, times `scale`. Moments of soft iron are those in
- * the field as it is. */
+/* Fill along[fields]: m . b of the body's moments (soft iron: in the present field) in each field of the map, times `scale`. */
 static inline int fieldmap_payload_along(const fieldmap_path *field, const fieldmap_magnetic_body *body, const double *place,
                                          const double *r, double scale, int fields, double *along)
 {
@@ -137,14 +136,14 @@ static inline int fieldmap_payload_along(const fieldmap_path *field, const field
     return status;
 }
 
-/* total[n]: linkages of coils and iron that are met, and of the payload. */
+/* Fill total[n]: the linkages met[n] of coils and iron, plus the linkages of the payload. */
 static inline void fieldmap_total_linkages(const fieldmap_electrical *e, int saturating, double *total)
 {
     memcpy(total, e->met, (size_t)e->n * sizeof(double));
     fieldmap_add_payload_linkages(e->n, e->fields, e->along, saturating ? e->slopes : NULL, total);
 }
 
-/* From the linkages of the iron in met[n], times mu0, to those of coils and iron at currents. */
+/* Turn met[n], mu0 times the linkages of the iron, into the linkages of coils and iron at currents. */
 static inline void fieldmap_meet_coils(fieldmap_electrical *e, const double *currents)
 {
     int k;
@@ -152,7 +151,7 @@ static inline void fieldmap_meet_coils(fieldmap_electrical *e, const double *cur
     fieldmap_add_linkages(&e->linear, currents, e->met);
 }
 
-/* Fill met[n] at currents, at which the iron was solved. */
+/* Fill met[n] at currents at which the iron is solved. */
 static inline void fieldmap_meet(fieldmap_electrical *e, fieldmap_iron_state *iron, const double *currents)
 {
     int k;
@@ -161,8 +160,7 @@ static inline void fieldmap_meet(fieldmap_electrical *e, fieldmap_iron_state *ir
     fieldmap_meet_coils(e, currents);
 }
 
-/* As fieldmap_meet, after a solve that moved the currents: from what it knew before its last step, and the derivative of the
- * tangent. */
+/* As fieldmap_meet after a solve, from the moments before its last Newton step and their first-order change. */
 static inline void fieldmap_meet_solved(fieldmap_electrical *e, const fieldmap_iron_state *iron, const double *currents)
 {
     const int wide = iron->map->wide;
@@ -173,7 +171,7 @@ static inline void fieldmap_meet_solved(fieldmap_electrical *e, const fieldmap_i
     fieldmap_meet_coils(e, currents);
 }
 
-/* Add to the tangent what soft iron of the payload adds to the inductances: b . dm/dB b' of the fields b per ampere. */
+/* Add the inductances of soft iron in the payload to the tangent: b . dm/dB b', with the fields b per ampere. */
 static inline void fieldmap_add_soft_payload(fieldmap_electrical *e, const fieldmap_path *field, const fieldmap_magnetic_body *body,
                                              const double *place, const double *r, double scale)
 {
@@ -196,8 +194,8 @@ static inline void fieldmap_add_soft_payload(fieldmap_electrical *e, const field
     }
 }
 
-/* Incremental inductances and derivatives of the weights at currents, at which the field is. Those of iron that has no solution
- * stay as they are. */
+/* Compute incremental inductances and derivatives of the weights at the currents of the field; not if the iron has no
+ * solution. */
 static inline void fieldmap_make_tangent(fieldmap_electrical *e, fieldmap_iron_state *iron, const fieldmap_path *field,
                                          const fieldmap_magnetic_body *body, const double *place, const double *r, double scale,
                                          const double *currents)
@@ -218,7 +216,7 @@ static inline void fieldmap_make_tangent(fieldmap_electrical *e, fieldmap_iron_s
     fieldmap_add_soft_payload(e, field, body, place, r, scale);
 }
 
-/* The rows of dipole p of the payload in the cell of a spot, of number `cell`. */
+/* The rows of dipole p of the payload in cell number `cell` of the spot, computed if the cell has changed. */
 static inline const double *fieldmap_tangent_rows(fieldmap_electrical *e, const fieldmap *map, const fieldmap_spot *spot, int64_t cell,
                                                   int p)
 {
@@ -234,8 +232,8 @@ static inline const double *fieldmap_tangent_rows(fieldmap_electrical *e, const 
     return rows;
 }
 
-/* As fieldmap_total_linkages by the tangent, of a payload without soft iron: its dipoles in the derivatives of the field by the
- * currents. */
+/* As fieldmap_total_linkages, by the tangent: the dipoles of a payload without soft iron in the derivatives of the field with
+ * respect to the currents. Returns the status of the map. */
 static inline int fieldmap_linkages_by_tangent(fieldmap_electrical *e, const fieldmap_path *field, const fieldmap_magnetic_body *body,
                                                const double *place, const double *r, double scale, double *total)
 {
@@ -258,8 +256,8 @@ static inline int fieldmap_linkages_by_tangent(fieldmap_electrical *e, const fie
     return status;
 }
 
-/* The field at the dipoles of the payload follows a change of the currents by the tangent, where the path keeps it in the cell of
- * the rows. */
+/* Update the field that the path keeps at the dipoles of the payload after a change of the currents, by the tangent. The field
+ * is dropped if its cell is not the cell of the rows. */
 static inline void fieldmap_path_by_tangent(const fieldmap_electrical *e, const fieldmap_path *field, const double *change)
 {
     const size_t rows = (size_t)e->n * (size_t)e->row;
@@ -270,15 +268,15 @@ static inline void fieldmap_path_by_tangent(const fieldmap_electrical *e, const 
     }
 }
 
-/* Voltage that the bridge of a coil loses against a current. */
+/* Voltage drop of the bridge of a coil at a current. */
 static inline double fieldmap_bridge_loss(const fieldmap_coil *coil, double current)
 {
     if (fabs(current) < coil->ripple) return coil->loss / coil->ripple * current;
     return current > 0.0 ? coil->loss : -coil->loss;
 }
 
-/* Begin a run at currents, which the field follows, with the linkages that belong to them. Controllers begin with the voltages
- * that keep them, and so does what is asked of sources of voltage. */
+/* Begin a run at the currents of the field, with their linkages. Integrals of controllers and demands of voltage sources begin
+ * with the voltages that hold these currents. Returns the status of the map. */
 static inline int fieldmap_electrical_begin(fieldmap_electrical *e, const fieldmap_superposition *of, const fieldmap_path *field,
                                             const fieldmap_magnetic_body *body, const double *place, const double *r,
                                             const double *currents)
@@ -299,7 +297,7 @@ static inline int fieldmap_electrical_begin(fieldmap_electrical *e, const fieldm
     return status;
 }
 
-/* What is asked for goes to the commands as fast as its slope allows. */
+/* Move the demands towards the commands, as fast as their slopes allow. */
 static inline void fieldmap_ask(fieldmap_electrical *e, const double *commands, double h)
 {
     int k;
@@ -309,8 +307,8 @@ static inline void fieldmap_ask(fieldmap_electrical *e, const double *commands, 
     }
 }
 
-/* given, gain: voltage of coil k, given - gain times its mean current, without the loss of a bridge. current: at the beginning
- * of the step of length h. */
+/* Fill given and gain: the voltage of coil k without the drop of the bridge is given - gain times the mean current. current: at
+ * the beginning of the step of length h. */
 static inline void fieldmap_law_of_coil(const fieldmap_electrical *e, int k, double source, double current, double h,
                                         double *given, double *gain)
 {
@@ -359,8 +357,8 @@ static inline void fieldmap_solve_step(const fieldmap_electrical *e, double *x)
     }
 }
 
-/* The source of coil k at its mean current and that at the end of a step, where its voltage without the loss of a bridge is
- * `driving`. */
+/* The next source of coil k in the search for active limits. driving: its voltage without the drop of the bridge; begin,
+ * change: current at the beginning of the step, and its change. */
 static inline double fieldmap_next_source(const fieldmap_electrical *e, int k, double driving, double begin, double change, double h)
 {
     const fieldmap_coil *coil = e->coils + k;
@@ -370,7 +368,7 @@ static inline double fieldmap_next_source(const fieldmap_electrical *e, int k, d
     fieldmap_law_of_coil(e, k, FIELDMAP_ASKED, begin, h, &given, &gain);
     wanted = given - gain * mean;
     within = wanted < coil->lower ? coil->lower : wanted > coil->upper ? coil->upper : wanted;
-    /* A limit of the current holds as long as what is asked for would drive it further. */
+    /* A limit of the current stays active while the demand would drive the current further. */
     if (source == FIELDMAP_CURRENT_HIGHEST && driving <= within + slack && driving >= coil->lower) return source;
     if (source == FIELDMAP_CURRENT_LOWEST && driving >= within - slack && driving <= coil->upper) return source;
     if (source == FIELDMAP_CURRENT_HIGHEST || source == FIELDMAP_CURRENT_LOWEST) {
@@ -384,8 +382,8 @@ static inline double fieldmap_next_source(const fieldmap_electrical *e, int k, d
     return wanted > coil->upper ? FIELDMAP_SUPPLY_HIGHEST : wanted < coil->lower ? FIELDMAP_SUPPLY_LOWEST : FIELDMAP_ASKED;
 }
 
-/* change[n] of the currents in a step of length h, with `right` for the linkages, and what limits hold: fills given and gain,
- * with the loss of a bridge. */
+/* Find change[n] of the currents in a step of length h, and the active limits. right[n]: change of the linkages that the
+ * voltages of the step do not make. Fills given and gain, with the drop of the bridge. */
 static inline void fieldmap_change_of_currents(fieldmap_electrical *e, const double *currents, double h)
 {
     int round, k, moved = 1;
@@ -407,9 +405,9 @@ static inline void fieldmap_change_of_currents(fieldmap_electrical *e, const dou
             fieldmap_law_of_coil(e, k, e->source[k], currents[k], h, &given, &gain);
             next = fieldmap_next_source(e, k, given - gain * (currents[k] + 0.5 * e->change[k]), currents[k], e->change[k], h);
             if (next == e->source[k]) continue;
-            /* All at once, coils that are coupled strongly may go round in circles. One by one, the first of them first, and
-             * from limit to limit by way of what is asked for, they come to an end: Murty's rule. After the last round the
-             * voltages are those of the sources that were taken. */
+            /* If all coils change at once, strongly coupled coils may cycle. Later rounds therefore change only the first coil,
+             * and pass from limit to limit through the demand, which terminates (Murty's rule). The last round changes no
+             * source, so that the voltages belong to the sources. */
             if (round >= FIELDMAP_TOGETHER_ROUNDS && next * e->source[k] == FIELDMAP_SUPPLY_LOWEST) next = FIELDMAP_ASKED;
             if (round < FIELDMAP_LIMIT_ROUNDS - 1 && (!moved || round < FIELDMAP_TOGETHER_ROUNDS)) e->source[k] = next;
             moved = 1;
@@ -417,7 +415,7 @@ static inline void fieldmap_change_of_currents(fieldmap_electrical *e, const dou
     }
 }
 
-/* Take the step to the currents `guess`: the linkages by Faraday's law, integrals, energies. held: set if a limit holds. */
+/* Step to the currents `guess`: advance linkages (Faraday's law), integrals and energies. held: set if a limit is active. */
 static inline void fieldmap_take_step(fieldmap_electrical *e, double h, double *currents, int *held)
 {
     int k;
@@ -432,7 +430,7 @@ static inline void fieldmap_take_step(fieldmap_electrical *e, double h, double *
         if (source == FIELDMAP_ASKED) {
             e->integral[k] += h * coil->integral * error;
         } else if (coil->proportional > 0.0) {
-            /* At a limit the integral is that of the reference which the limit allows, so that nothing winds up. */
+            /* At a limit the integral follows the reference that the limit allows, which prevents wind-up. */
             const double share = 0.5 * h * coil->integral / coil->proportional, limit = source > 0.0 ? coil->upper : coil->lower;
             e->integral[k] = (e->integral[k] * (1.0 - share) + 2.0 * share * limit) / (1.0 + share);
         }
@@ -447,8 +445,7 @@ static inline double fieldmap_wanted_linkage(const fieldmap_electrical *e, int k
     return e->linkage[k] + h * (e->given[k] - (e->resistance[k] + e->gain[k]) * (0.5 * (current + guess)));
 }
 
-/* Whether the currents `guess` meet the linkages of a step, of which at most a share of the step is left; else the next Newton
- * step begins from them. last: what was left before. */
+/* Whether the error of the linkages at the currents `guess` is at most 0.02 of their change in the step. last: this ratio. */
 static inline int fieldmap_step_met(const fieldmap_electrical *e, const double *currents, double h, double tolerance, double *last)
 {
     double left = 0.0, whole = 0.0, moved = 0.0;
@@ -459,13 +456,13 @@ static inline int fieldmap_step_met(const fieldmap_electrical *e, const double *
         for (j = 0; j < e->n; j++) by += e->tangent[k * e->n + j] * e->change[j];
         left = fmax(left, fabs(wanted - e->total[k])), whole = fmax(whole, fabs(wanted)), moved = fmax(moved, fabs(by));
     }
-    /* What the solve of the iron may leave teaches nothing. */
+    /* An error within half the tolerance of the iron's solve counts as zero. */
     *last = left <= 0.5 * tolerance * whole ? 0.0 : left / fmax(moved, 1e-300);
     return *last <= 0.02;
 }
 
-/* Correct the tangent by the linkages that a change of the currents made: the update of Broyden, Fletcher, Goldfarb and Shanno,
- * which keeps it symmetric and positive. from: the linkages before. */
+/* Correct the tangent by the change of the linkages with a change of the currents: the BFGS update, which keeps the tangent
+ * symmetric and positive definite. from: the linkages before the change. */
 static inline void fieldmap_learn_tangent(fieldmap_electrical *e, const double *from, const double *change)
 {
     const int n = e->n;
@@ -483,8 +480,8 @@ static inline void fieldmap_learn_tangent(fieldmap_electrical *e, const double *
     e->step = 0.0;
 }
 
-/* Along the last move of the guess: how far the linkages `total` lie below those of Faraday's law at a guess, times the move. The
- * sum falls along a move that Newton's method takes, to zero where the step along it ends. */
+/* Scalar product of the last move of the guess and the difference between the linkages of Faraday's law at a guess and `total`.
+ * It falls along a Newton move, and the line search looks for its zero. */
 static inline double fieldmap_short_along(const fieldmap_electrical *e, const double *currents, const double *guess,
                                           const double *total, double h)
 {
@@ -494,9 +491,9 @@ static inline double fieldmap_short_along(const fieldmap_electrical *e, const do
     return sum;
 }
 
-/* After a solve, to which the currents strayed by the tangent, set their reach. What the tangent misses grows with the square of
- * the way: the next one is as long as the tangent may miss half of the tolerance of the iron, over its domain, and at most
- * twice as long. */
+/* After a solve, set the reach from the error of the tangent at the distance that the currents have strayed. The error grows
+ * with the square of the distance. The reach is the distance at which the error is half of the tolerance of the iron times its
+ * domain, and at most twice the last distance. */
 static inline void fieldmap_set_reach(fieldmap_electrical *e, const double *currents, double h, double tolerance)
 {
     const double allowed = 0.5 * tolerance * e->largest;
@@ -509,8 +506,8 @@ static inline void fieldmap_set_reach(fieldmap_electrical *e, const double *curr
     *e->reach = fmax(FIELDMAP_NEAR * e->largest, fmin(FIELDMAP_STRAY * e->largest, far * sqrt(allowed / missed)));
 }
 
-/* A step, from linkages in `total`, whose currents stay so near to those at which the iron was solved that the tangent has its
- * linkages and weights. 0 for another. */
+/* Try a step from linkages in `total` by the tangent alone. Returns 0, and changes no state, if the currents would leave the
+ * reach of the last solve of the iron. */
 static inline int fieldmap_step_by_tangent(fieldmap_electrical *e, fieldmap_superposition *of, const fieldmap_path *field,
                                            const double *currents, double h, double *weights, int *within)
 {
@@ -534,15 +531,15 @@ static inline int fieldmap_step_by_tangent(fieldmap_electrical *e, fieldmap_supe
     return 1;
 }
 
-/* Advance the currents of the coils by a step of length h in which the body comes to a place, turned by r[9], and the weights
- * of the field with them. within: whether the currents lie where it is known how the field follows them. The status of the
- * map. */
+/* Advance the currents of the coils, and the weights of the field, by a step of length h, at whose end the body is at `place`
+ * with rotation r[9]. within: whether the currents lie in the domain of the iron. Returns the status of the map. */
 static inline int fieldmap_drive_coils(fieldmap_electrical *e, fieldmap_superposition *of, const fieldmap_path *field,
                                        const fieldmap_magnetic_body *body, const double *place, const double *r,
                                        const double *commands, double h, double *currents, double *weights, int *held, int *within)
 {
     const int n = e->n, saturating = of->iron != NULL, on_path = of->on_path, exact = !saturating && body->n_soft == 0;
-    /* Iron with hysteresis is led along the whole path, and soft iron of the payload follows the field. */
+    /* Steps by the tangent alone are not possible for iron with hysteresis, which follows the whole path, or with soft iron in
+     * the payload, which follows the field. */
     const int straying = saturating && body->n_soft == 0 && of->iron->map->n_cells == 0;
     const int64_t unsolved = of->unsolved;
     double left = 0.0, moved = 0.0, start, end, share;
@@ -575,7 +572,7 @@ static inline int fieldmap_drive_coils(fieldmap_electrical *e, fieldmap_superpos
         for (k = 0; k < n; k++) e->right[k] = e->guess[k] - e->moved[k];
         start = fieldmap_short_along(e, currents, e->right, e->before, h);
         for (trial = 0; trial < FIELDMAP_ELECTRICAL_STEPS && status == FIELDMAP_OK; trial++) {
-            /* Trials are no path of iron with hysteresis. */
+            /* Iron with hysteresis must not remember trial currents. */
             of->on_path = 0;
             *within = fieldmap_follow(of, e->guess, weights);
             of->on_path = on_path;
@@ -586,7 +583,7 @@ static inline int fieldmap_drive_coils(fieldmap_electrical *e, fieldmap_superpos
             if (exact) break;
             if (body->n_soft > 0) status = fieldmap_payload_along(field, body, place, r, of->scale, e->fields, e->along);
             fieldmap_total_linkages(e, saturating, e->total);
-            /* Iron that leaves saturation takes much more flux than the tangent has it. */
+            /* Iron that leaves saturation takes much more flux than the tangent predicts. */
             end = fieldmap_short_along(e, currents, e->guess, e->total, h);
             if (!(end < -0.5 * start) || !(start > 0.0)) break;
             share = fmax(start / (start - end), 0.1);

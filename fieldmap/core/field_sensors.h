@@ -1,11 +1,9 @@
-/* field_sensors.h: what field sensors read of coils, iron, background and a magnetic body (docs/field_sensors.md (1)).
+/* field_sensors.h: readings of field sensors near coils, iron, background and a magnetic body (docs/field_sensors.md (1)).
  *
  *     r = sum_k w_k r_k + sum m . B_s(x),   B_s = B_dipole + B_iron
  *
- * over the fields k of the map and the dipoles m of the body at x. B_s is the field of a dipole of 1 A m^2 in the place and
- * along the axis of the sensor, and of the iron that answers to it.
- *
- * In double precision.
+ * The sums run over the fields k of the map and the dipoles m of the body at x. B_s is the field of a dipole of 1 A m^2 at the
+ * place and along the axis of the sensor, with the reaction of the iron to this dipole.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -19,8 +17,8 @@ typedef struct fieldmap_field_sensor {
     double place[3], axis[3];
 } fieldmap_field_sensor;
 
-/* shares[count * sets]: readings of the map's sets at weight 1, T, sensor by sensor; a set that no current drives is the last.
- * answers: a map of the iron's answers, one set for each sensor, T/(A m^2); NULL without iron. */
+/* shares[count * sets]: readings of the map's sets at weight 1, T, sensor by sensor; the last set is the one that no current
+ * drives, if there is one. answers: a map of the fields B_iron, one set for each sensor, T/(A m^2); NULL without iron. */
 typedef struct fieldmap_field_sensors {
     int count;
     const fieldmap_field_sensor *sensors;
@@ -28,7 +26,7 @@ typedef struct fieldmap_field_sensors {
     const fieldmap *answers;
 } fieldmap_field_sensors;
 
-/* Add to readings[count] those of a dipole of moment[3] at a point. The status of the map of the answers. */
+/* Add the readings of a dipole of moment[3] at a point to readings[count]. Returns the status of the map `answers`. */
 static inline int fieldmap_add_dipole_readings(
     const fieldmap_field_sensors *of, const double *point, const double *moment, double *readings)
 {
@@ -44,8 +42,8 @@ static inline int fieldmap_add_dipole_readings(
     return of->answers == NULL ? FIELDMAP_OK : fieldmap_add_along(of->answers, point, moment, readings);
 }
 
-/* Fill readings[count] of a body at a place, turned by r[9], in a field. The status of the first point at which the field is
- * not known. */
+/* Fill readings[count] for a body at a place with rotation r[9] in a field. Returns the status of the first point of the body
+ * at which the field is unknown. */
 static inline int fieldmap_read_sensors(const fieldmap_field_sensors *of, const fieldmap_path *field,
                                         const fieldmap_magnetic_body *body, const double *place, const double *r, double *readings)
 {

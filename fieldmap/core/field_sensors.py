@@ -1,5 +1,6 @@
 """Field sensors, and the height of a magnet from one of them, as the C core computes them
-(fieldmap/core/field_sensors.h, calibration_curve.h). Arrays are float64 and in C order; others raise TypeError."""
+(fieldmap/core/field_sensors.h, calibration_curve.h). Arrays are float64 and in C order; any other array raises
+TypeError."""
 
 from typing import Any, NamedTuple
 
@@ -17,7 +18,7 @@ class CoreSensors(NamedTuple):
     answers: Any
 
     def read(self, machine: CoreMachine, state: Array, out: Array) -> int:
-        """Fill out (s,), T, at a state (13,) of the body, in the field as it is; the status of the map."""
+        """Fill out (s,), T, at a state (13,) of the body in the present field. Returns the status of the map."""
         return int(LIBRARY.machine_readings(machine.machine, self, state, out))
 
 
@@ -39,8 +40,8 @@ class CoreCurve(NamedTuple):
 class FieldSensing(NamedTuple):
     """Field sensors in a closed loop. chains (s, 10): as fieldmap_chain (instruments.h), of flux densities; latency:
     samples by which readings come late; history (latency + 1, s + n): room for readings and measured currents; curve:
-    None without an estimator; sensor: number of the one it reads; beside (2,): x and y that the loop then takes for
-    the sensed point's, m."""
+    None without an estimator; sensor: index of the sensor that the curve reads; beside (2,): assumed x, y of the
+    sensed point, m."""
 
     sensors: CoreSensors
     chains: Array

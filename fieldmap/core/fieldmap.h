@@ -4,10 +4,9 @@
  * points in m, currents in A, B in T, gradient[3 * i + j] = dB_i/dx_j in T/m, second[9 * i + 3 * j + k] =
  * d2B_i/dx_j dx_k in T/m^2, moments in A m^2, wrench = force in N, then torque in N m about the dipole.
  *
- * Every function returns FIELDMAP_OK or the reason why not. Outside the box results are NaN and the status is
- * FIELDMAP_OUTSIDE, unless the map was exported to clamp; NaN and infinity in a point give NaN and
- * FIELDMAP_NOT_FINITE. Nothing is read beyond what was checked when the map was opened: a damaged file is refused.
- * An opened map is never written to, so any number of threads may use it.
+ * Every function returns FIELDMAP_OK or the reason why not. Outside the box results are NaN and the status is FIELDMAP_OUTSIDE,
+ * unless the map was exported to clamp; NaN and infinity in a point give NaN and FIELDMAP_NOT_FINITE. Opening a map checks its
+ * sizes and checksum, so a damaged file is refused. An opened map is never written to, so any number of threads may use it.
  *
  * BSD-3-Clause, the fieldmap developers.
  */

@@ -1,13 +1,12 @@
 /* fieldmap32.h: flux density, gradient and dipole wrench from a map in single precision, for microcontrollers.
  *
- * C99 without any library: no memory is taken, nothing is printed, no function of a library is called, there is no
- * recursion and every loop has a bound. The map is a header that `fieldmap export MAP --to c32 -o NAME.h` writes, with
- * its coefficients as constants, for flash; docs/c.md has an example, sizes and numbers of operations. SI units, z up:
- * points in m, currents in A, B in T, gradient[3 * i + j] = dB_i/dx_j in T/m, moments in A m^2, wrench = force in N,
- * then torque in N m about the dipole.
+ * C99 without any library: no memory is allocated, nothing is printed, there is no recursion and every loop has a bound. The
+ * map is a header that `fieldmap export MAP --to c32 -o NAME.h` writes, with its coefficients as constants, for flash;
+ * docs/c.md has an example, sizes and numbers of operations. SI units, z up: points in m, currents in A, B in T, gradient[3 * i
+ * + j] = dB_i/dx_j in T/m, moments in A m^2, wrench = force in N, then torque in N m about the dipole.
  *
- * Every function returns FM32_OK or why not; results are zero then. A point outside the box gives FM32_OUTSIDE, unless
- * the map was exported to clamp. The formulas are those of fieldmap.h, in another number: a source file includes one of
+ * Every function returns FM32_OK, or an error status with results of zero. A point outside the box gives FM32_OUTSIDE, unless
+ * the map was exported to clamp. The formulas are the same as in fieldmap.h, in single precision: a source file includes one of
  * the two.
  *
  * BSD-3-Clause, the fieldmap developers.
@@ -19,7 +18,7 @@
 #error "a source file includes fieldmap.h or fieldmap32.h, not both"
 #endif
 
-/* Largest degree of a map that this file is compiled for: it bounds the stack. */
+/* Largest degree of a map; it bounds the stack. */
 #ifndef FM32_MAX_DEGREE
 #define FM32_MAX_DEGREE 20
 #endif
@@ -37,11 +36,11 @@ typedef fm_real fm32_real;
 
 enum { FM32_OK = FIELDMAP_OK, FM32_OUTSIDE = FIELDMAP_OUTSIDE, FM32_NOT_FINITE = FIELDMAP_NOT_FINITE, FM32_ARGUMENT = 3 };
 
-/* This file knows maps with a field that no current drives. */
+/* This file supports maps with a field that no current drives. */
 #define FM32_CONSTANT_FIELD 1
 
-/* A map. coefficients: of all cells, of all coils, (degree + 1)^2 numbers each; constant: 1 if there is one more set
- * behind those of the coils, of a field that no current drives: it is in every result; linkage: of the coils. */
+/* A map. coefficients: of all cells, of all coils, (degree + 1)^2 numbers each; constant: 1 if a set of a field that no current
+ * drives follows the sets of the coils; every result contains it; linkage: of the coils. */
 typedef struct fm32_map {
     int32_t coils;
     int32_t degree;
@@ -56,7 +55,7 @@ typedef struct fm32_map {
     fieldmap_linkage linkage;
 } fm32_map;
 
-/* The map of the functions above, but for its upper corner and the names of its coils, which none of them reads. */
+/* The map in the form of harmonic_map.h, without the upper corner and the names of the coils, which no function here reads. */
 static inline void fm32_as_fieldmap(const fm32_map *map, fieldmap *out)
 {
     int axis;
@@ -76,7 +75,7 @@ static inline void fm32_as_fieldmap(const fm32_map *map, fieldmap *out)
     out->coefficients = map->coefficients;
 }
 
-/* The polynomial at a point, in `room` or in the map, and the point in its coordinates. A function by itself, because its
+/* The polynomial at a point, in `room` or in the map, and the point in its coordinates. This is a separate function so that its
  * variables have left the stack when the polynomial is evaluated. */
 static inline int fm32_polynomial_at(
     const fm32_map *map, const fm32_real *currents, const fm32_real *point, fm32_real *room, const fm32_real **polynomial,
@@ -133,8 +132,8 @@ static inline int32_t fm32_wrench(
     return status;
 }
 
-/* linkages[coils], Wb, of coils and linear iron at currents[coils], and of a dipole of moment[3] at point[3]. FM32_ARGUMENT of
- * a map without. */
+/* linkages[coils], Wb, of coils and linear iron at currents[coils], and of a dipole of moment[3] at point[3]. Returns
+ * FM32_ARGUMENT for a map without linkages. */
 static inline int32_t fm32_flux_linkage(
     const fm32_map *map, const fm32_real *currents, const fm32_real *point, const fm32_real *moment, fm32_real *linkages)
 {

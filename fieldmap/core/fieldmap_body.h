@@ -1,6 +1,6 @@
 /* fieldmap_body.h: a rigid body with magnets in the field of a map, in C99: force and torque on it, and its motion.
  *
- * fieldmap.h has maps, magnetic_body.h the magnets and soft iron, rigid_body.h the motion. In double precision.
+ * fieldmap.h has maps, magnetic_body.h the magnets and soft iron, rigid_body.h the motion.
  *
  * BSD-3-Clause, the fieldmap developers.
  */

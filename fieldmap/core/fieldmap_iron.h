@@ -1,16 +1,16 @@
 /* fieldmap_iron.h: field, gradient, wrench and actuation of coils with saturating iron at any currents, in C99.
  *
- * The map is a file that `fieldmap export MAP --to c -o iron.fmap` writes of a map of saturating iron; docs/c.md has an
- * example. It holds the fields of the coils and of the iron, as fieldmap.h reads them, and the model that turns currents
- * into their weights (docs/theory/current_dependence.md). What a solve remembers and works with lies in memory of the
- * caller, fieldmap_iron_memory() bytes for each thread: nothing here takes memory but fieldmap_iron_open. A solve takes
- * FIELDMAP_IRON_STEPS steps at most. Equal currents one after the other are solved once.
+ * The map is a file that `fieldmap export MAP --to c -o iron.fmap` writes from a map of saturating iron; docs/c.md has an
+ * example. It holds the fields of the coils and of the iron, as fieldmap.h reads them, and the model that turns currents into
+ * their weights (docs/theory/current_dependence.md). The caller gives the memory of a solver state, fieldmap_iron_memory()
+ * bytes for each thread; only fieldmap_iron_open allocates. A solve takes at most FIELDMAP_IRON_STEPS steps. Successive calls
+ * with equal currents solve once.
  *
- * Iron with hysteresis depends on earlier currents. A state begins with the memory that the file has. fieldmap_iron_step
- * goes straight to new currents, which the iron then remembers; the other functions tell what is there after a straight path,
- * and the iron remembers nothing of it. fieldmap_iron_copy stores a memory and sets it back.
+ * Iron with hysteresis depends on earlier currents. A state begins with the memory that the file has. fieldmap_iron_step goes
+ * straight to new currents, and the iron remembers this path. The other functions return results after such a path, but the
+ * iron does not remember it. fieldmap_iron_copy stores and restores a memory.
  *
- * Every function returns FIELDMAP_OK or the reason why not, and NaN with it: of fieldmap.h, or one of those below.
+ * Every function returns FIELDMAP_OK, or an error status of fieldmap.h or iron.h with results of NaN.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -20,7 +20,7 @@
 #include "fieldmap.h"
 #include "flux_linkage.h"
 
-/* What a status means. */
+/* Text of a status. */
 static inline const char *fieldmap_iron_message(int status)
 {
     switch (status) {
@@ -31,8 +31,8 @@ static inline const char *fieldmap_iron_message(int status)
     }
 }
 
-/* A map in memory (in flash, say), used where it lies: `bytes`, at an address that is a multiple of 8, must outlive the
- * map. No memory is taken. */
+/* Use a map in memory, for example in flash, without a copy: `bytes`, at an address that is a multiple of 8, must outlive the
+ * map. Nothing is allocated. */
 static inline int fieldmap_iron_view(fieldmap_iron *map, const void *bytes, size_t size)
 {
     const unsigned char *raw = (const unsigned char *)bytes;
@@ -68,7 +68,7 @@ static inline int fieldmap_iron_view(fieldmap_iron *map, const void *bytes, size
     return status;
 }
 
-/* Give back what fieldmap_iron_open took. */
+/* Free the memory of fieldmap_iron_open. */
 static inline void fieldmap_iron_close(fieldmap_iron *map)
 {
     if (map != NULL) {
@@ -77,7 +77,7 @@ static inline void fieldmap_iron_close(fieldmap_iron *map)
     }
 }
 
-/* A map from a file. */
+/* Read a map from a file. */
 static inline int fieldmap_iron_open(fieldmap_iron *map, const char *path)
 {
     void *bytes;
@@ -119,14 +119,14 @@ static inline int fieldmap_iron_wrench(
     return status;
 }
 
-/* Numbers of room that fieldmap_iron_flux_linkage takes. */
+/* Numbers of room that fieldmap_iron_flux_linkage needs. */
 static inline size_t fieldmap_iron_linkage_room(const fieldmap_iron *map)
 {
     return (size_t)map->n_fields * (2 + (size_t)map->n_coils);
 }
 
-/* linkages[n_coils], Wb, at currents[n_coils], of coils and iron, and of a dipole of moment[3] at point[3], unless both are
- * NULL; and, unless NULL, inductance[n_coils * n_coils], H: the derivatives of those without the dipole. */
+/* Fill linkages[n_coils], Wb, of coils and iron at currents[n_coils], and of a dipole of moment[3] at point[3], unless both are
+ * NULL. Fill, unless NULL, inductance[n_coils * n_coils], H: the derivatives of the linkages without the dipole. */
 static inline int fieldmap_iron_flux_linkage(fieldmap_iron_state *state, const double *currents, const double *point,
                                              const double *moment, double *room, double *linkages, double *inductance)
 {

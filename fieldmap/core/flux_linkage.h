@@ -1,7 +1,5 @@
-/* flux_linkage.h: flux linkages and incremental inductances of coils at any currents, where iron saturates, too, and what a
- * payload adds (docs/theory/flux_linkage.md).
- *
- * In double precision.
+/* flux_linkage.h: flux linkages and incremental inductances of coils, with saturating iron and a payload
+ * (docs/theory/flux_linkage.md).
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -11,7 +9,7 @@
 #include "iron.h"
 #include "magnetic_body.h"
 
-/* Fill inductance[n * n], H, of n coils from iron[n * n], what saturating iron adds, times mu0; both may be the same array. */
+/* Fill inductance[n * n], H, of n coils from iron[n * n], mu0 times the part of saturating iron; both may be the same array. */
 static inline void fieldmap_add_iron_inductance(const fieldmap_linkage *of, const double *iron, double *inductance)
 {
     const int n = of->coils;
@@ -23,8 +21,8 @@ static inline void fieldmap_add_iron_inductance(const fieldmap_linkage *of, cons
         }
 }
 
-/* linkages[n], Wb, and, unless NULL, inductance[n * n], H, of n coils and saturating iron at currents[n]; weights and slopes
- * as of fieldmap_iron_slopes. */
+/* Fill linkages[n], Wb, and, unless NULL, inductance[n * n], H, of n coils and saturating iron at currents[n]; weights and
+ * slopes are as in fieldmap_iron_slopes. */
 static inline int fieldmap_solve_linkages(fieldmap_iron_state *state, const fieldmap_linkage *of, const double *currents,
                                           double *weights, double *slopes, double *linkages, double *inductance)
 {
@@ -41,8 +39,8 @@ static inline int fieldmap_solve_linkages(fieldmap_iron_state *state, const fiel
     return status;
 }
 
-/* Add to linkages[coils] those of a payload from along[fields], its m . b in each field of the map. slopes: of the weights of
- * saturating iron, or NULL. */
+/* Add the linkages of a payload to linkages[coils]. along[fields]: its m . b in each field of the map; slopes: of the weights
+ * of saturating iron, or NULL. */
 static inline void fieldmap_add_payload_linkages(
     int coils, int fields, const double *along, const double *slopes, double *linkages)
 {

@@ -1,11 +1,11 @@
 /* harmonic_map.h: a map, its coefficients at a point, and flux density and gradient of harmonic polynomials.
  *
- * A map holds sets of coefficients at places: at the cells of a grid (polynomials of degree 5 that solve Laplace's
- * equation), at its nodes (Hermite form), or one polynomial for the whole box. Set s of place n begins at (n * sets + s) *
- * size. The field is the sum of the sets, each times its weight, such as the current of its coil. Where `constant` is 1,
- * there is one more set, a field that no current drives, and its weight is 1.
+ * A map holds sets of coefficients at places: the cells of a grid (polynomials of degree 5 that solve Laplace's equation), its
+ * nodes (Hermite form), or one place for the whole box (one polynomial). Set s of place n begins at (n * sets + s) * size. The
+ * field is the sum of the sets, each times its weight, such as the current of its coil. If `constant` is 1, there is one more
+ * set, a field that no current drives, and its weight is 1.
  *
- * Here is all that a microcontroller needs (fieldmap32.h); map.h adds what takes more code and stack.
+ * This file has all that a microcontroller needs (fieldmap32.h); map.h adds functions that take more code and stack.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -20,22 +20,21 @@ enum {
     FIELDMAP_UNLINKED
 };
 
-/* What the coefficients are of. The numbers stand in files. */
+/* Form of a map. Files store these numbers. */
 enum { FIELDMAP_HERMITE, FIELDMAP_HARMONIC, FIELDMAP_GLOBAL };
 
-/* Flux linkages of so many coils without a payload (docs/theory/flux_linkage.md): inductance[coils * coils], H, and
- * constant[coils], Wb. Saturating iron adds its own. coils: 0 where they are not known. */
+/* Flux linkages of the coils without payload and saturating iron (docs/theory/flux_linkage.md): inductance[coils * coils], H,
+ * and constant[coils], Wb. coils: 0 if they are unknown. */
 typedef struct fieldmap_linkage {
     int coils;
     const fm_real *inductance, *constant;
 } fieldmap_linkage;
 
-/* A map: treat as read-only. cells: along each axis; inverse: 1 / spacing, 1/m; local: spacing over the unit of length
- * of the polynomials, and per_length its inverse, 1/m; clamps: whether a point outside gets the value at the nearest
- * point of the box, not NaN. names: of the coils, each ended by a zero byte, one behind the other; owned: what
- * fieldmap_open took. reaction: so many sets `reacting` of coefficients as those of the fields, of the iron's
- * reaction to magnets, or NULL; repelled: of how many of them, the last, the sign is -1 (reaction.h). linkage: of the
- * coils that a file is of. */
+/* A map: treat as read-only. cells: along each axis; inverse: 1 / spacing, 1/m; local: spacing divided by the unit of length of
+ * the polynomials; per_length: 1 / that unit, 1/m; clamps: whether a point outside gets the value at the nearest point of the
+ * box, not NaN. names: of the coils, one after the other, each ended by a zero byte; owned: memory of fieldmap_open. reaction:
+ * coefficients of `reacting` sets of the iron's reaction to magnets, laid out like those of the fields, or NULL; the last
+ * `repelled` sets have the sign -1 (reaction.h). linkage: of the coils of a file. */
 typedef struct fieldmap {
     int n_coils, constant, degree, kind, clamps, size;
     int cells[3];
@@ -48,7 +47,7 @@ typedef struct fieldmap {
     fieldmap_linkage linkage;
 } fieldmap;
 
-/* Add to linkages[coils] those at currents[coils]. */
+/* Add the linkages at currents[coils] to linkages[coils]. */
 static inline void fieldmap_add_linkages(const fieldmap_linkage *of, const fm_real *currents, fm_real *linkages)
 {
     int k, j;
@@ -58,23 +57,23 @@ static inline void fieldmap_add_linkages(const fieldmap_linkage *of, const fm_re
     }
 }
 
-/* How many sets of coefficients a map has. */
+/* Number of sets of coefficients of a map. */
 static inline int fieldmap_sets(const fieldmap *map)
 {
     return map->n_coils + map->constant;
 }
 
-/* How far outside, in cells, rounding may put a point. */
+/* Margin for rounding, in cells: a point this far outside counts as inside. */
 #define FIELDMAP_EDGE (sizeof(fm_real) < 8 ? FM(1e-5) : FM(1e-9))
 
-/* Where a point lies: cell (i, j, k), and coordinates 0 to 1 there. */
+/* Location of a point: cell (i, j, k), and coordinates 0 to 1 in the cell. */
 typedef struct fieldmap_spot {
     int cell[3];
     fm_real t[3];
 } fieldmap_spot;
 
-/* FIELDMAP_OK where the field is known; FIELDMAP_OUTSIDE, with the nearest spot of the box; or FIELDMAP_NOT_FINITE, with
- * any spot. A point that rounding puts outside lies inside. */
+/* Find the spot of a point. Returns FIELDMAP_OK where the field is known; FIELDMAP_OUTSIDE, with the nearest spot of the box;
+ * or FIELDMAP_NOT_FINITE, with any spot. */
 FIELDMAP_INLINE int fieldmap_locate(const fieldmap *map, const fm_real *point, fieldmap_spot *spot)
 {
     int axis, inside = 1, finite = 1;
@@ -92,7 +91,7 @@ FIELDMAP_INLINE int fieldmap_locate(const fieldmap *map, const fm_real *point, f
     return !finite ? FIELDMAP_NOT_FINITE : inside || map->clamps ? FIELDMAP_OK : FIELDMAP_OUTSIDE;
 }
 
-/* Where the sets of cell `spot`, or of the node of its corner 4 i + 2 j + k, begin. */
+/* Address of the sets of cell `spot`, or of the node at its corner 4 i + 2 j + k. */
 static inline const fm_real *fieldmap_sets_at(const fieldmap *map, const fieldmap_spot *spot, int corner)
 {
     const int nodes = map->kind == FIELDMAP_HERMITE;
@@ -102,7 +101,7 @@ static inline const fm_real *fieldmap_sets_at(const fieldmap *map, const fieldma
     return map->coefficients + place * (size_t)fieldmap_sets(map) * (size_t)map->size;
 }
 
-/* out (size numbers): the sum at weights[n_coils] of the sets of a place, one behind the other. */
+/* Fill out (size numbers) with the sum of the sets of a place, each times its weight of weights[n_coils]. */
 static inline void fieldmap_sum_sets(const fieldmap *map, const fm_real *sets, const fm_real *weights, fm_real *out)
 {
     const int size = map->size;
@@ -121,8 +120,7 @@ static inline void fieldmap_sum_sets(const fieldmap *map, const fm_real *sets, c
     }
 }
 
-/* The coefficients at a spot: those of the sum at weights, written to `room`, or those of a map of one set where weights
- * is NULL. */
+/* The coefficients at a spot: the sum at weights, written to `room`, or, if weights is NULL, the only set of the map. */
 static inline const fm_real *fieldmap_coefficients(
     const fieldmap *map, const fm_real *weights, const fieldmap_spot *spot, int corner, fm_real *room)
 {
@@ -132,14 +130,14 @@ static inline const fm_real *fieldmap_coefficients(
     return room;
 }
 
-/* The spot in the coordinates of its polynomial: from the middle of the cell, in its unit of length. */
+/* Fill local[3], the spot in the coordinates of its polynomial: from the middle of the cell, in the unit of length. */
 FIELDMAP_INLINE void fieldmap_from_middle(const fieldmap *map, const fieldmap_spot *spot, fm_real local[3])
 {
     int axis;
     for (axis = 0; axis < 3; axis++) local[axis] = (spot->t[axis] - FM(0.5)) * map->local[axis];
 }
 
-/* flux[3] and, unless NULL, gradient[9] from the nine of harmonics.h. */
+/* Fill flux[3] and, unless NULL, gradient[9] from the nine numbers of harmonics.h. */
 FIELDMAP_INLINE void fieldmap_store(fm_real per_length, const fm_real *nine, size_t step, fm_real *flux, fm_real *gradient)
 {
     flux[0] = nine[0], flux[1] = nine[step], flux[2] = nine[2 * step];
@@ -152,8 +150,8 @@ FIELDMAP_INLINE void fieldmap_store(fm_real per_length, const fm_real *nine, siz
     gradient[8] = per_length * nine[8 * step];
 }
 
-/* flux[3] and, unless NULL, gradient[9] of the polynomial c at a place in its coordinates. In line: of a map whose degree
- * the compiler knows, only the code for that degree is left. */
+/* flux[3] and, unless NULL, gradient[9] of the polynomial c at a place in its coordinates. If the compiler knows the degree,
+ * inlining leaves only the code for that degree. */
 FIELDMAP_INLINE void fieldmap_field_of_polynomial(
     const fm_real *c, int degree, fm_real per_length, const fm_real *local, fm_real *flux, fm_real *gradient)
 {
@@ -165,7 +163,7 @@ FIELDMAP_INLINE void fieldmap_field_of_polynomial(
     fieldmap_store(per_length, nine, 1, flux, gradient);
 }
 
-/* FIELDMAP_OK if a map can be asked at these currents, which may be NULL for a map of fixed currents. */
+/* FIELDMAP_OK if a map can be evaluated at these currents, which may be NULL for a map of fixed currents. */
 static inline int fieldmap_check(const fieldmap *map, const fm_real *currents, const fm_real *point)
 {
     int k;

@@ -1,11 +1,11 @@
 /* harmonics.h: polynomials that solve Laplace's equation, and their derivatives (docs/theory/lookup.md (3) to (6)).
  *
- * A polynomial of degree L has (L + 1)^2 coefficients, in the order a_00; a_10, a_11, b_11; a_20, a_21, b_21, a_22, ...:
- * a_lm at l^2 + 2 m - 1 (l^2 for m = 0), b_lm behind it. It is the sum of a_lm Re R_l^m + b_lm Im R_l^m with the regular
- * solid harmonics R_l^m = r^l P_l^m(cos theta) e^(i m phi) / (l + m)!. In this normalisation (M. A. Epton and B. Dembart,
- * SIAM J. Sci. Comput. 16 (1995) 865) a derivative takes a coefficient to its neighbours, without factors.
+ * A polynomial of degree L has (L + 1)^2 coefficients, in the order a_00; a_10, a_11, b_11; a_20, a_21, b_21, a_22, ...: a_lm
+ * at l^2 + 2 m - 1 (l^2 for m = 0), followed by b_lm. It is the sum of a_lm Re R_l^m + b_lm Im R_l^m with the regular solid
+ * harmonics R_l^m = r^l P_l^m(cos theta) e^(i m phi) / (l + m)!. In this normalisation (M. A. Epton and B. Dembart, SIAM J.
+ * Sci. Comput. 16 (1995) 865) a derivative takes a coefficient to its neighbours, without factors.
  *
- * Numbers that belong together lie `step` apart: 1 for one point, FIELDMAP_LANES for points side by side.
+ * Successive numbers of a point are `step` apart: 1 for one point, FIELDMAP_LANES for points side by side.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -24,9 +24,9 @@ enum { FIELDMAP_MAX_SIZE = (FIELDMAP_MAX_DEGREE + 1) * (FIELDMAP_MAX_DEGREE + 1)
 
 /* The nine at a point from the coefficients of a polynomial of degree 5, written out.
  *
- * The five different second derivatives are polynomials of degree 3; their coefficients are differences of neighbours.
- * The field follows by Euler's theorem on homogeneous functions: B = B(0) + sum_l [second derivatives of degree l] x / (l
- * + 1). Some 230 operations, and 36 numbers to fetch. */
+ * The five different second derivatives are polynomials of degree 3; their coefficients are differences of neighbours. The
+ * field follows by Euler's theorem on homogeneous functions: B = B(0) + sum_l [second derivatives of degree l] x / (l + 1).
+ * This takes about 230 operations on 36 coefficients. */
 FIELDMAP_INLINE void fieldmap_polynomial_5(
     const fm_real *FIELDMAP_RESTRICT c, size_t step, fm_real x, fm_real y, fm_real z, fm_real *FIELDMAP_RESTRICT nine)
 {
@@ -96,7 +96,7 @@ FIELDMAP_INLINE void fieldmap_polynomial_5(
     nine[6 * step] = yy, nine[7 * step] = yz, nine[8 * step] = zz;
 }
 
-/* Place of a_lm; b_lm lies behind it. */
+/* Index of a_lm; b_lm follows it. */
 static inline int fieldmap_place(int l, int m)
 {
     return m > 0 ? l * l + 2 * m - 1 : l * l;
@@ -148,7 +148,7 @@ FIELDMAP_INLINE void fieldmap_harmonics(
     }
 }
 
-/* The same of degree 0 to 4 at one point, written out. */
+/* As fieldmap_harmonics for degree 4 at one point, written out. */
 FIELDMAP_INLINE void fieldmap_harmonics_4(const fm_real *point, fm_real *FIELDMAP_RESTRICT out)
 {
     const fm_real x = point[0], y = point[1], z = point[2], r2 = x * x + y * y + z * z;
@@ -169,7 +169,7 @@ FIELDMAP_INLINE void fieldmap_harmonics_4(const fm_real *point, fm_real *FIELDMA
     out[23] = FM(0.125) * (x * out[14] - y * out[15]), out[24] = FM(0.125) * (x * out[15] + y * out[14]);
 }
 
-/* To five sums at `lanes` points: a harmonic times its coefficient in each. */
+/* Add a harmonic at `lanes` points, times its coefficient in each sum, to five sums. */
 FIELDMAP_INLINE void fieldmap_add_harmonic(
     int lanes, const fm_real *FIELDMAP_RESTRICT harmonic, fm_real zz, fm_real xz, fm_real yz, fm_real dd, fm_real xy,
     fm_real *FIELDMAP_RESTRICT sums)
@@ -184,8 +184,8 @@ FIELDMAP_INLINE void fieldmap_add_harmonic(
 
 /* The nine of one polynomial c at `lanes` points side by side: see fieldmap_polynomial_5.
  *
- * a[m + 2] and b[m + 2]: coefficients of one degree for m = -2 to degree + 2, with R^(-m) = (-1)^m conj R^m; a[2] is
- * doubled, and what belongs to m = 0 is halved. */
+ * a[m + 2] and b[m + 2]: coefficients of one degree for m = -2 to degree + 2, with R^(-m) = (-1)^m conj R^m; a[2] is doubled,
+ * because terms of m = 0 are halved. */
 FIELDMAP_INLINE void fieldmap_polynomial(
     const fm_real *FIELDMAP_RESTRICT c, int degree, int lanes, const fm_real *FIELDMAP_RESTRICT x, const fm_real *FIELDMAP_RESTRICT y,
     const fm_real *FIELDMAP_RESTRICT z, fm_real *FIELDMAP_RESTRICT nine)
@@ -206,7 +206,7 @@ FIELDMAP_INLINE void fieldmap_polynomial(
         }
         a[1] = -a[3], b[1] = b[3], a[0] = a[4], b[0] = -b[4];
         for (i = 0; i < 5 * lanes; i++) part[i] = FM(0);
-        /* Half of what the loop would add for m = 0. */
+        /* Half of the term that the loop would add for m = 0. */
         fieldmap_add_harmonic(lanes, harmonics + l * l * lanes, row[0], a[3], b[3], a[4], b[4], part);
         for (m = 1; m <= l; m++) {
             const fm_real *here = harmonics + fieldmap_place(l, m) * lanes;

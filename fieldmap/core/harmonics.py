@@ -1,4 +1,4 @@
-"""Regular solid harmonics and their derivatives, for those who fit polynomials: fieldmap/core/harmonics.h."""
+"""Regular solid harmonics and their derivatives, for fits of polynomials: fieldmap/core/harmonics.h."""
 
 import numpy as np
 
@@ -7,10 +7,10 @@ from fieldmap.typing import Array
 
 
 def regular_table(degree: int, points: Array) -> Array:
-    """(n, (degree + 1)^2): the harmonics at points (n, 3), in the order of the coefficients."""
+    """Return the harmonics (n, (degree + 1)^2) at points (n, 3), in the order of the coefficients."""
     return LIBRARY.harmonics(degree, np.ascontiguousarray(points, dtype=np.float64))
 
 
 def derivative_matrix(degree: int, axis: int) -> Array:
-    """Matrix (degree^2, (degree + 1)^2) that takes coefficients to those of the derivative along an axis."""
+    """Return the matrix (degree^2, (degree + 1)^2) from coefficients to those of the derivative along an axis."""
     return LIBRARY.derivative_matrix(degree, axis)

@@ -4,12 +4,12 @@ import re
 from pathlib import Path
 
 FOLDER = Path(__file__).parent
-"""Where the headers lie, for a compiler's -I."""
+"""Folder of the headers, for the option -I of a compiler."""
 _INCLUDED = re.compile(r'^#include "(\w+\.h)"\n', re.MULTILINE)
 
 
 def in_one(name: str, without: frozenset[str] = frozenset()) -> str:
-    """The text of a header with those that it includes in their places, each once, but for those in `without`."""
+    """Return the text of a header with the headers that it includes, each once, except those in `without`."""
     known = set(without)
 
     def with_included(header: str) -> str:

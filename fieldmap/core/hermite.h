@@ -1,8 +1,8 @@
-/* hermite.h: tricubic Hermite interpolation (docs/theory/lookup.md (1)): C. de Boor, Bicubic spline interpolation, J. Math.
- * Phys. 41 (1962) 212, in three variables.
+/* hermite.h: tricubic Hermite interpolation (docs/theory/lookup.md (1)), after C. de Boor, Bicubic spline interpolation, J.
+ * Math. Phys. 41 (1962) 212, extended to three variables.
  *
- * A node holds eight numbers a component: number 4 a + 2 b + c is the derivative of order a, b, c (0 or 1) in x, y, z,
- * times the spacing to each of these. A cell is given by its eight corners, corner 4 i + 2 j + k.
+ * A node holds eight numbers for each component: number 4 a + 2 b + c is the derivative of order a, b, c (0 or 1) in x, y, z,
+ * times the spacing along each of these axes. A cell has eight corners, corner 4 i + 2 j + k.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -11,7 +11,7 @@
 
 #include "real.h"
 
-/* Along one axis, at t in 0..1: the basis, its first derivative by position, and its second. */
+/* The basis along one axis at t in 0..1, and its first and second derivatives with respect to position. */
 typedef struct fieldmap_basis {
     fm_real value[4], slope[4], bend[4];
 } fieldmap_basis;
@@ -27,7 +27,7 @@ static inline void fieldmap_hermite_basis(fm_real t, fm_real spacing, fieldmap_b
     out->bend[2] = (FM(6) - FM(12) * t) * ii, out->bend[3] = (FM(6) * t - FM(2)) * ii;
 }
 
-/* Combination along z of both ends of an edge; m: the number of a node's derivative in x and y. */
+/* Interpolation along z between both ends of an edge; m: number of a node's derivative in x and y. */
 static inline fm_real fieldmap_hermite_edge(const fm_real *w, const fm_real *near, const fm_real *far, int m)
 {
     return w[0] * near[m] + w[1] * near[m + 1] + w[2] * far[m] + w[3] * far[m + 1];

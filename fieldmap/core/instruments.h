@@ -1,7 +1,7 @@
-/* instruments.h: a position through sensor and converter, and a voltage through converter and amplifier, one sample at a
- * time (docs/theory/control.md (8) to (10)).
+/* instruments.h: sensor and converter for a position, converter and amplifier for a voltage, one sample at a time
+ * (docs/theory/control.md (8) to (10)).
  *
- * A step of 0 does not round. In double precision.
+ * A step of 0 does not round. All numbers are double.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -23,14 +23,14 @@ typedef struct fieldmap_drive {
     double output_step, lower, upper, gain, offset, current_lower, current_upper;
 } fieldmap_drive;
 
-/* Where a value lies within limits, of which NaN passes neither. */
+/* A value clipped to limits; NaN gives the lower limit. */
 static inline double fieldmap_within(double value, double lower, double upper)
 {
     const double above = value > lower ? value : lower;
     return above < upper ? above : upper;
 }
 
-/* The nearest multiple of a step; halves go up. */
+/* The nearest multiple of a step; halves are rounded up. */
 static inline double fieldmap_round_to_step(double value, double step)
 {
     return step == 0.0 ? value : step * floor(value / step + 0.5);
@@ -59,9 +59,8 @@ static inline double fieldmap_driven(const fieldmap_drive *drive, double voltage
     return fieldmap_within(drive->gain * shown + drive->offset + current_noise, drive->current_lower, drive->current_upper);
 }
 
-/* What a scanning sensor shows: the mean of its last `averages` scans, known `latency` scans late, and held. scans[n *
- * step]: readings, `count` of them; at: how many times of a scan have passed. Before the first mean is known, the first
- * scan is shown. */
+/* Reading of a scanning sensor: the mean of its last `averages` scans, delayed by `latency` scans, and held. scans[n * step]:
+ * `count` readings; at: time in units of the scan time. Before the first mean is available, the reading is the first scan. */
 static inline double fieldmap_held_scan(const double *scans, long count, int step, double at, int averages, int latency)
 {
     long last = (long)floor(at + 1e-9) - latency, n;

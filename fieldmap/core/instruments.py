@@ -1,7 +1,7 @@
 """Sensors, converters and amplifiers as the C core simulates them (fieldmap/core/instruments.h), sample by sample.
 
-The numbers of an instrument are an array in the order of the fields below, or one of these tuples. Signals are float64
-vectors in C order; others raise TypeError.
+The numbers of an instrument are one of these tuples, or an array in the order of its fields. Signals are float64
+vectors in C order; any other array raises TypeError.
 """
 
 import math
@@ -59,10 +59,10 @@ def drive_all(voltages: Array, current_noise: Array, drive: ArrayLike, out: Arra
 
 
 def held_scans(scans: Array, averages: int, latency: int, ratio: float, out: Array) -> None:
-    """Fill out (n,): what a scanning sensor shows at each sample: the mean of its last `averages` scans, known
-    `latency` scans late, and held.
+    """Fill out (n,) with the reading of a scanning sensor at each sample: the mean of its last `averages` scans,
+    delayed by `latency` scans, and held.
 
-    scans (m,): readings, one per scan. ratio: scans per sample; sample k is taken when k * ratio times of a scan have
-    passed. Before the first mean is known, the first scan is shown.
+    scans (m,): readings, one per scan. ratio: scans per sample; sample k is taken k * ratio scan times after the
+    start. Before the first mean is available, the reading is the first scan.
     """
     LIBRARY.held_scans(scans, averages, latency, ratio, out)

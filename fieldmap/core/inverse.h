@@ -1,7 +1,5 @@
-/* inverse.h: the outputs of a controller that put a wanted force on the magnets, by Newton's method
+/* inverse.h: the outputs of a controller that give a wanted force on the magnets, by Newton's method
  * (docs/theory/closed_loop.md (14)).
- *
- * In double precision.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -10,9 +8,9 @@
 
 #include "machine.h"
 
-/* machine: in whose field the search goes on, another than one in motion. rounds: how many a sample is given; limits of the
- * outputs; signals: those of the last sample, where the search begins and what it leaves behind; believed: the state whose
- * turn is taken for the body's, its place filled in. */
+/* machine: used for the search only, not the one in motion. rounds: Newton steps per sample; lower, upper: limits of the
+ * outputs; signals: the outputs of the last sample, from which the search begins, and its result; believed: state of the body,
+ * with a fixed rotation and the position of the sample. */
 typedef struct fieldmap_inverse_map {
     fieldmap_machine *machine;
     const fieldmap_allocation *allocation;
@@ -21,7 +19,7 @@ typedef struct fieldmap_inverse_map {
     fieldmap_state *believed;
 } fieldmap_inverse_map;
 
-/* The force[3] of the field on the magnets at signals; 0 outside the map. */
+/* The force[3] of the field on the magnets at signals. Returns 0 outside the map. */
 static inline int fieldmap_force_of_signals(const fieldmap_inverse_map *inverse, const double *signals, double *force)
 {
     fieldmap_machine *machine = inverse->machine;
@@ -43,10 +41,11 @@ static inline double fieldmap_largest(const double *v)
     return fmax(fmax(fabs(v[0]), fabs(v[1])), fabs(v[2]));
 }
 
-/* Change the signals so that the magnets at `believed` feel the force wanted[3], N; what is left of it, N.
+/* Change the signals so that the force on the magnets at `believed` is wanted[3], N. Returns the largest component of the
+ * missing force, N; NaN outside the map.
  *
- * Every round takes the slopes anew, by one-sided differences of 1e-4 of the span of the limits. Signals stay within their
- * limits; where those do not give the force, what is left says so. NaN outside the map. */
+ * Every round computes the slopes by one-sided differences of 1e-4 of the span of the limits. Signals stay within their limits,
+ * which may not allow the force. */
 static inline double fieldmap_find_signals(const fieldmap_inverse_map *inverse, const double *wanted)
 {
     double *signals = inverse->signals, force[3], left[3] = {0.0}, J[9], solved[9], step[3];
@@ -64,7 +63,7 @@ static inline double fieldmap_find_signals(const fieldmap_inverse_map *inverse, 
         }
         fieldmap_inverse(J, solved);
         fieldmap_to_map(solved, left, step);
-        /* Without an inverse, the signals stay. */
+        /* A singular matrix leaves the signals unchanged. */
         if (!isfinite(step[0] + step[1] + step[2])) break;
         for (j = 0; j < 3; j++) signals[j] = fieldmap_within(signals[j] + step[j], inverse->lower[j], inverse->upper[j]);
     }

@@ -43,8 +43,8 @@ typedef struct fieldmap_iron {
 
 /* State and work space of the solver; one for each thread. steps, left_over: number of steps and estimated relative error, in
  * the energy norm, of the last solve. tolerance: allowed relative error; checked: whether currents outside the domain are
- * refused. The caller may set these two. cells: what the cells remember (fieldmap_cell_moved), zero at first:
- * demagnetised iron. heat: what the steps since then turned into heat, times mu0, T^2 m^3. */
+ * refused. The caller may set these two. cells: memory of the cells (fieldmap_cell_moved); zeros are demagnetised iron. heat:
+ * total heat of the steps, times mu0, T^2 m^3. */
 typedef struct fieldmap_iron_state {
     const fieldmap_iron *map;
     int count, steps, checked;
@@ -125,7 +125,7 @@ static inline int fieldmap_iron_arrays(fieldmap_iron *map, const double *at, uin
     return FIELDMAP_OK;
 }
 
-/* Make a model of `count` numbers, which must outlive it: sizes, and the arrays behind them. */
+/* Make a model from `count` numbers, which must outlive it: sizes, then arrays. */
 static inline int fieldmap_iron_of_numbers(fieldmap_iron *map, const double *numbers, uint64_t count)
 {
     /* Upper limits of the sizes: 3 p, and products of numbers of modes, must fit into an int. */
@@ -345,8 +345,8 @@ static inline const double *fieldmap_iron_pinning(const fieldmap_iron *map, int 
     return map->n_cells > 0 && pinning[map->n_cells - 1] > 0.0 ? pinning : NULL;
 }
 
-/* Fill j[3 count] = w J at h of `count` points from `first` on, where w are their weights; susceptible: w dJ/dh (6 entries each),
- * or NULL. after: what the cells would remember, or NULL. Returns the heat of the cells, times mu0, if they are to remember. */
+/* Fill j[3 count] = w J at h of `count` points from `first` on, where w are their weights; susceptible: w dJ/dh (6 entries
+ * each), or NULL. after: the new memory of the cells, or NULL. Returns mu0 times the heat of the cells, 0 without `after`. */
 static inline double fieldmap_iron_polarise(const fieldmap_iron *map, const fieldmap_iron_state *s, int first, int count,
     const double *h, double *j, double *susceptible, double *after)
 {
@@ -376,7 +376,7 @@ static inline double fieldmap_iron_polarise(const fieldmap_iron *map, const fiel
     return moving.heat;
 }
 
-/* Points from `first` on that are taken together, so that their rows stay in the cache. */
+/* Number of points from `first` on that are processed together, so that their rows stay in the cache. */
 static inline int fieldmap_iron_some(const fieldmap_iron *map, int first)
 {
     return map->p - first < FIELDMAP_IRON_POINTS ? map->p - first : FIELDMAP_IRON_POINTS;
@@ -466,7 +466,7 @@ static inline void fieldmap_iron_pass(const fieldmap_iron *map, fieldmap_iron_st
     fieldmap_iron_collect(s);
 }
 
-/* Line search for a step that is too long: returns the share in (0, 1) of the step at which the functional is least. moved and
+/* Line search for a step that is too long: returns the share in (0, 1) of the step at which the functional is lowest. moved and
  * material are those of the shorter step. */
 static inline double fieldmap_iron_shorter(
     const fieldmap_iron *map, fieldmap_iron_state *s, double rest, double curved, double start, double end)
@@ -690,8 +690,7 @@ static inline double fieldmap_iron_along(const fieldmap_iron_state *s, const dou
     return total;
 }
 
-/* Fill the weights with which values at the nodes add up to the value at `at` of the polynomial through the nodes from `first`
- * on. Earlier nodes have weight zero. */
+/* Fill the Lagrange weights at `at` for the polynomial through the nodes from `first` on. Earlier nodes have weight zero. */
 static inline void fieldmap_iron_lagrange(const double *nodes, int count, double at, int first, double *weights)
 {
     int j, m;
@@ -703,8 +702,8 @@ static inline void fieldmap_iron_lagrange(const double *nodes, int count, double
 }
 
 /* Fill the first guess a[r] of the amplitudes at currents `aim` by extrapolation of the last states. The polynomials through
- * the last one, two and three states are functions of the position of the currents along the last step. The one that predicts
- * the currents `aim` best is taken: on a smooth path that of the highest degree, after a jump or with noise a lower one.
+ * the last one, two and three states are functions of the position of the currents along the last step. The polynomial that
+ * predicts the currents `aim` best is used: on a smooth path the highest degree, after a jump or with noise a lower one.
  * Extrapolation goes at most two steps forward. The oldest state is used only if it lies at least a quarter of a step behind
  * the next one. Errors that differ by less than 1e-9 of the step count as equal. */
 static inline void fieldmap_iron_continue(const fieldmap_iron *map, fieldmap_iron_state *s, const double *aim, double *a)
@@ -753,8 +752,7 @@ static inline void fieldmap_iron_apply(const fieldmap_iron *map, fieldmap_iron_s
     }
 }
 
-/* Store the newest state after the others, or instead of them if it did not begin at them (near = 0), and fill solution, the
- * weights of all fields. */
+/* Store the newest state after the earlier ones (near = 1) or instead of them, and fill solution, the weights of all fields. */
 static inline void fieldmap_iron_remember(
     const fieldmap_iron *map, fieldmap_iron_state *s, const double *currents, const double *a, int near)
 {
@@ -773,9 +771,9 @@ static inline void fieldmap_iron_remember(
 }
 
 /* Newton's method in the field `applied`. a (padded to `wide` numbers): first guess, overwritten by the result. Returns whether
- * it converged. tolerance: allowed relative error in the energy norm. near: the factor is that of a state nearby; otherwise the
- * tangent is computed first. While the decrement is below 0.1, each step reduces it to less than 0.6 and none is too long, the
- * factor is kept and BFGS pairs correct it. */
+ * it converged. tolerance: allowed relative error in the energy norm. near: the factor belongs to a state nearby; otherwise the
+ * tangent is computed first. The factor is kept, and BFGS pairs correct it, while the decrement is below 0.1, each step reduces
+ * the decrement to less than 0.6 times, and no step is too long. */
 static inline int fieldmap_iron_newton(fieldmap_iron_state *s, double *a, int near, double tolerance)
 {
     const fieldmap_iron *map = s->map;
@@ -846,8 +844,8 @@ static inline int fieldmap_iron_newton(fieldmap_iron_state *s, double *a, int ne
 }
 
 /* Solve for the amplitudes at currents[n_coils]; the result stays in the state. If the last solve had the same currents and
- * reached this tolerance, it is used again. If no signal has moved by more than a tenth of its range, the solve begins at the
- * extrapolation of the last states, otherwise at the expansion. A solve that fails clears the last states. */
+ * reached this tolerance, its result is used again. If no signal has moved by more than a tenth of its range, the solve begins
+ * at the extrapolation of the last states, otherwise at the expansion. A solve that fails clears the last states. */
 static inline int fieldmap_iron_solve_at(fieldmap_iron_state *s, const double *currents, double tolerance)
 {
     const fieldmap_iron *map = s->map;
@@ -926,8 +924,8 @@ static inline void fieldmap_iron_advance(fieldmap_iron_state *s)
     s->heat += fieldmap_iron_polarise(map, s, 0, map->p, s->h, s->moved, NULL, s->cells);
 }
 
-/* Go straight from the currents of the last step to currents[n_coils]; then the cells remember the state, whose weights lie in
- * `solution`. If the status is not FIELDMAP_OK, the cells are as before. */
+/* Go straight from the currents of the last step to currents[n_coils]. The cells then remember the state, and `solution` holds
+ * its weights. If the status is not FIELDMAP_OK, the cells do not change. */
 static inline int fieldmap_iron_step(fieldmap_iron_state *s, const double *currents)
 {
     int status;
@@ -937,9 +935,9 @@ static inline int fieldmap_iron_step(fieldmap_iron_state *s, const double *curre
     return status;
 }
 
-/* Copy what later solves and steps depend on to `out` or from `in`, one of which is NULL; or count it, if both are. Returns the
- * number of doubles: that of the last states, what their solve left and the heat, the states, the factor of the tangent, the
- * weights, and the cells. */
+/* Copy the memory of a state, on which later solves and steps depend, to `out` or from `in`; the other one is NULL. If both are
+ * NULL, only count it. Returns its number of doubles: the number of last states, the error of their solve and the heat, then
+ * the states, the factor of the tangent, the weights, and the cells. */
 static inline size_t fieldmap_iron_copy(fieldmap_iron_state *s, double *out, const double *in)
 {
     const fieldmap_iron *map = s->map;
@@ -957,7 +955,7 @@ static inline size_t fieldmap_iron_copy(fieldmap_iron_state *s, double *out, con
         used += sizes[i];
     }
     if (s->count < 0) s->count = 0;
-    /* A solve at the currents of the last one returns at once, without making the field again. */
+    /* A solve at the same currents returns at once and does not compute the applied field, so it is computed here. */
     if (in != NULL && s->count > 0) fieldmap_iron_apply(map, s, s->currents + (passed - 1) * (size_t)map->n_coils);
     return used;
 }
@@ -973,8 +971,8 @@ static inline int fieldmap_iron_weights(fieldmap_iron_state *state, const double
     return status;
 }
 
-/* moved[3]: w dJ/dh (s - G change) at point p, the change of its moment with the current of a coil, for the derivative `change`
- * of the amplitudes; held: for amplitudes that do not change. */
+/* Fill moved[3] = w dJ/dh (s - G change) at point p, the derivative of its moment with respect to the current of a coil;
+ * `change` is the derivative of the amplitudes. held: the amplitudes are held constant. */
 FIELDMAP_INLINE void fieldmap_iron_moved(
     const fieldmap_iron *map, const fieldmap_iron_state *s, int p, int coil, int held, double *moved)
 {
@@ -990,8 +988,8 @@ FIELDMAP_INLINE void fieldmap_iron_moved(
     moved[2] = d[2] * u[0] + d[4] * u[1] + d[5] * u[2];
 }
 
-/* residual = G^T w dJ/dh (s - G change) - A change, for the field per ampere s of a coil: the residual of the equation
- * for `change`, the derivative of the amplitudes by the coil's current. Sums are in double precision. */
+/* Fill residual = G^T w dJ/dh (s - G change) - A change, with the field per ampere s of a coil: the residual of the equation
+ * for `change`, the derivative of the amplitudes with respect to the coil's current. Sums are in double precision. */
 static inline void fieldmap_iron_left_of_slope(const fieldmap_iron *map, fieldmap_iron_state *s, int coil)
 {
     const int w = map->wide, r = map->r;
@@ -1007,8 +1005,7 @@ static inline void fieldmap_iron_left_of_slope(const fieldmap_iron *map, fieldma
     for (i = 0; i < r; i++) residual[i] -= fieldmap_iron_product(map->air + (size_t)i * (size_t)r, s->change, r);
 }
 
-/* Fill linkages[n_coils], flux linkages that moments w J of the points add, times mu0, T^2 m^3/A:
- * docs/theory/flux_linkage.md (3). */
+/* Fill linkages[n_coils], mu0 times the flux linkages of moments w J, T^2 m^3/A: docs/theory/flux_linkage.md (3). */
 static inline void fieldmap_iron_link(const fieldmap_iron *map, const double *moments, double *linkages)
 {
     enum { LANES = 8, ROWS = 4 };
@@ -1018,7 +1015,7 @@ static inline void fieldmap_iron_link(const fieldmap_iron *map, const double *mo
         const int width = coils - c < LANES ? coils - c : LANES;
         const double *at = map->source + c;
         double w[LANES] = {0}, x[LANES] = {0}, y[LANES] = {0}, z[LANES] = {0};
-        /* Lanes beyond the coils take numbers of the next rows, and no part in the sum. */
+        /* Lanes beyond the coils read numbers of the next rows, and are ignored. */
         for (i = 0; i < whole; i += ROWS, at += ROWS * coils)
             for (j = 0; j < LANES; j++) {
                 w[j] += at[j] * moments[i];
@@ -1042,9 +1039,9 @@ static inline void fieldmap_iron_linkages(fieldmap_iron_state *s, double *linkag
     fieldmap_iron_link(map, s->vector, linkages);
 }
 
-/* Fill inductance[n_coils], the derivatives of the linkages of the iron by the current of a coil, times mu0. change: the
- * derivative of the amplitudes, susceptible: that of the moments. Equation (4); rough: with what the amplitudes do from the
- * tangent's sums in single precision, some ten times faster. */
+/* Fill inductance[n_coils], the derivatives of the linkages of the iron with respect to the current of a coil, times mu0:
+ * equation (4). The state holds the derivatives of the amplitudes (change) and the moments (susceptible). rough: use the
+ * single-precision sums of the tangent, which is about ten times faster. */
 static inline void fieldmap_iron_inductance(const fieldmap_iron *map, fieldmap_iron_state *s, int coil, int rough, double *inductance)
 {
     const int w = map->wide;
@@ -1055,8 +1052,8 @@ static inline void fieldmap_iron_inductance(const fieldmap_iron *map, fieldmap_i
         inductance[k] -= fieldmap_iron_mixed_dot(s->sides + (size_t)k * (size_t)w, s->change, w);
 }
 
-/* Of the state of the last solve: fill slopes[n_coils * f + c] = d weights[f] / d currents[c], 1/A, and, unless they are NULL,
- * linkages[n_coils] and inductance[n_coils * n_coils] of the iron, times mu0; rough: see fieldmap_iron_inductance. */
+/* For the state of the last solve, fill slopes[n_coils * f + c] = d weights[f] / d currents[c], 1/A, and, unless NULL,
+ * linkages[n_coils] and inductance[n_coils * n_coils] of the iron, times mu0. rough: see fieldmap_iron_inductance. */
 static inline void fieldmap_iron_slopes_here(
     fieldmap_iron_state *state, double *slopes, double *linkages, double *inductance, int rough)
 {
@@ -1085,7 +1082,7 @@ static inline void fieldmap_iron_slopes_here(
     }
 }
 
-/* As fieldmap_iron_weights, to a hundredth of the tolerance, and fieldmap_iron_slopes_here. */
+/* As fieldmap_iron_weights, with a hundredth of the tolerance, then fieldmap_iron_slopes_here. */
 static inline int fieldmap_iron_linked_slopes(fieldmap_iron_state *state, const double *currents, double *weights,
     double *slopes, double *linkages, double *inductance)
 {

@@ -1,6 +1,6 @@
 /* iron_law.h: polarisation of iron at one point, without hysteresis and with play cells (docs/theory/hysteresis.md).
  *
- * Fields are in T: h = mu0 H, b = h + J. Cells have pinning fields and remember reversible fields. Nothing here allocates.
+ * Fields are in T: h = mu0 H, b = h + J. Play cells have pinning fields and remember reversible fields. Nothing allocates.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -11,8 +11,8 @@
 
 enum { FIELDMAP_CELL_TURNS = 12, FIELDMAP_CELL_STEPS = 60, FIELDMAP_CELL_LANES = 8 };
 
-/* The anhysteretic law b(h) of one material: cubics that begin at knots[low..high], in ascending order. The last one is a
- * straight line. piece of the functions below keeps the interval of the knots for the next call. */
+/* The anhysteretic law b(h) of one material: cubics that begin at knots[low..high], in ascending order. The last cubic is a
+ * straight line. The functions below keep the interval of the knots in `piece` for the next call. */
 typedef struct fieldmap_iron_curve {
     const double *knots, *coefficients;
     int low, high;
@@ -89,7 +89,7 @@ static inline double fieldmap_cell_drawn(const fieldmap_iron_curve *of, int *pie
 }
 
 /* As fieldmap_cell_moved, by a search for mu between bounds: 1 / |h - r| is nearly linear in mu. j: polarisation of the cell;
- * r: the field straight towards h, to begin with. */
+ * r: first guess, the field straight towards h. */
 static inline double fieldmap_cell_bounded(
     const fieldmap_iron_curve *of, int *piece, const double *h, const double *j, double kappa, double *r)
 {
@@ -125,10 +125,10 @@ static inline double fieldmap_cell_bounded(
 }
 
 /* Cells that move to a new reversible field r, one in each lane. A cell remembers its field p and the ratio of its polarisation
- * to it. r lies on the circle of radius kappa about h, in the plane of h and p. Its axes are u, the direction from p to h, which
- * are `away` from each other, and v. step: h - p. n: direction of h - r. mu: of (2), 0 as long as it is not found; chord, slope:
- * J / |r| and dJ / d|r|. heat: of the cells that were told to remember, times mu0: (5). The other numbers are those of
- * fieldmap_cells_add. */
+ * to it. r lies on the circle of radius kappa about h, in the plane of h and p. The axes of the plane are u, the direction from
+ * p to h, and v. away: distance from p to h. step: h - p. n: direction of h - r. mu: as in (2), 0 until it is found; chord,
+ * slope: J / |r| and dJ / d|r|. heat: of the cells that move and remember it, times mu0: (5). The other numbers are arguments
+ * of fieldmap_cells_add. */
 typedef struct fieldmap_cell_lanes {
     int count, piece[FIELDMAP_CELL_LANES], *known[FIELDMAP_CELL_LANES];
     double heat;
@@ -161,7 +161,7 @@ static inline void fieldmap_cells_frame(fieldmap_cell_lanes *s)
     }
 }
 
-/* Turn n, which begins at u, by Newton's method until J(r) - J(p) points along it. A lane that is found does not change
+/* Turn n, which begins at u, by Newton's method until J(r) - J(p) points along it. A lane that has converged does not change
  * any more, so that no cell depends on its neighbours. mu stays 0 where the method fails. */
 static inline void fieldmap_cells_turn(fieldmap_cell_lanes *s)
 {
@@ -199,7 +199,7 @@ static inline void fieldmap_cells_turn(fieldmap_cell_lanes *s)
             const double x = n_u - angle * n_v, y = n_v + angle * n_u, scale = 1.0 / sqrt(x * x + y * y);
             const double push = along / kappa;
             const double going = along > 0.0 ? open[i] : 0.0;
-            /* The angle behind a small one is about its square. */
+            /* Convergence is quadratic: the next angle would be about the square of this one. */
             const double found = fabs(angle) <= 1e-8 ? going : 0.0;
             s->n_u[i] = going > 0.0 ? x * scale : n_u, s->n_v[i] = going > 0.0 ? y * scale : n_v;
             s->mu[i] = found > 0.0 ? (push > 1e-13 ? push : 1e-13) : s->mu[i];
@@ -211,7 +211,7 @@ static inline void fieldmap_cells_turn(fieldmap_cell_lanes *s)
     }
 }
 
-/* Add a cell with the reversible field r and mu of (2) to j[3] and, unless they are NULL, to what cells remember and to dJ/dh. */
+/* Add a cell with the reversible field r and mu of (2) to j[3] and, unless NULL, dJ/dh; fill its memory `after` unless NULL. */
 static inline void fieldmap_cell_moved(double share, const double *h, const double *r, double kappa, double mu, double chord,
     double slope, double *j, double *after, double *susceptible)
 {
@@ -265,18 +265,18 @@ static inline void fieldmap_cells_finish(fieldmap_cell_lanes *s)
     s->count = 0;
 }
 
-/* Whether a cell that remembers p[3] stays in the field h[3] of this size. One that ended a move in this field is farther than
- * kappa by rounding only. */
+/* Whether a cell that remembers p[3] stays in the field h[3] of this size. The margin covers rounding: a cell that has just
+ * moved in this field lies at the distance kappa. */
 static inline int fieldmap_cell_stays(const double *h, const double *p, double kappa, double size)
 {
     const double x = h[0] - p[0], y = h[1] - p[1], z = h[2] - p[2], reach = kappa + 1e-15 * (size + kappa);
     return x * x + y * y + z * z <= reach * reach;
 }
 
-/* Begin j[3], `weight` times the polarisation of `cells` cells in the field h, and fill it by fieldmap_cells_finish. shares: their
- * weights, with the sum 1. before, after: what they remember, and would: 4 numbers each, reversible field and ratio of the
- * polarisation to it. susceptible: weight dJ/dh, entries xx, xy, xz, yy, yz, zz. piece: for each cell. after, susceptible and
- * piece may be NULL; after may be before. Equations (1) and (4). */
+/* Begin j[3], `weight` times the polarisation of `cells` cells in the field h, and fill it by fieldmap_cells_finish. shares:
+ * their weights, with the sum 1. before, after: memory of the cells now and in the field h, 4 numbers each: reversible field,
+ * and ratio of the polarisation to it. susceptible: weight dJ/dh, entries xx, xy, xz, yy, yz, zz. piece: for each cell. after,
+ * susceptible and piece may be NULL; after may be before. Equations (1) and (4). */
 static inline void fieldmap_cells_add(fieldmap_cell_lanes *moving, const fieldmap_iron_curve *of, int *piece, int cells,
     const double *pinning, const double *shares, double weight, const double *h, const double *before, double *j, double *after,
     double *susceptible)
@@ -285,7 +285,7 @@ static inline void fieldmap_cells_add(fieldmap_cell_lanes *moving, const fieldma
     int i, k;
     for (i = 0; i < 3; i++) j[i] = 0.0;
     for (i = 0; i < 6 && susceptible != NULL; i++) susceptible[i] = 0.0;
-    /* First those that wait in no lane: then the order of a sum does not depend on how full the lanes are. */
+    /* Cells that need no lane come first, so that the order of a sum does not depend on the filling of the lanes. */
     for (k = 0; k < cells; k++) {
         const double share = weight * shares[k], *p = before + 4 * k;
         double *then = after == NULL ? NULL : after + 4 * k;

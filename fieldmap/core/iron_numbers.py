@@ -1,4 +1,4 @@
-"""The numbers in which the C core takes a reduced model of saturating iron: fieldmap/core/iron.h."""
+"""A reduced model of saturating iron as an array of numbers for the C core: fieldmap/core/iron.h."""
 
 from typing import Any, NamedTuple
 
@@ -9,16 +9,16 @@ from fieldmap.core.library import LIBRARY
 from fieldmap.records import tuple_line
 from fieldmap.typing import Array
 
-# Rows of single precision are whole vector registers; sizes before the arrays.
+# Rows of single precision are padded to multiples of _LANES numbers. _SIZES numbers with sizes precede the arrays.
 _LANES: int = LIBRARY.IRON_LANES
 _SIZES: int = LIBRARY.IRON_SIZES
 
 
 class SignalDomain(NamedTuple):
-    """The currents that a model is for. division, exponent: as `fieldmap.currents.CompiledParametrisation`; matrix (c,
-    d): currents of signals, inverse (d, c) its pseudo-inverse, both empty of a division; lower, upper (d,), with
-    a margin of rounding; limit of every current, A, or infinity; tolerance of currents that are not of the
-    parametrisation; checked: whether currents beyond are refused."""
+    """Domain of a model's currents. division, exponent: as in `fieldmap.currents.CompiledParametrisation`; matrix (c,
+    d): currents from signals, inverse (d, c): its pseudo-inverse, both empty for a division; lower, upper (d,): range
+    of the signals, with a margin for rounding; limit: of every current, A, or infinity; tolerance: allowed relative
+    difference of currents from the parametrisation; checked: whether currents outside are refused."""
 
     division: bool
     exponent: float
@@ -37,13 +37,12 @@ class SignalDomain(NamedTuple):
 class CompiledModel(NamedTuple):
     """The arrays of a `fieldmap.store.ReducedModel` for `core_numbers`: p points, r modes, c coils, k fields.
 
-    gradients (3 p, r), kept in single precision; fixed (3 p,) or (0,); the others as there. terms (t, 3) and expansion
-    (t, r), kept in single precision: amplitudes as a sum over products of Chebyshev polynomials of the signals, each
-    scaled to -1..1; a term is another term before it (column 0) times the polynomial of signal (1) and degree (2); the
-    first is 1.
-    tolerance: share of the state that a solve may leave, in the norm of the energy.
-    pinning (l, k): pinning fields of the k play cells in each law, T, in ascending order; shares (k,), their sum 1.
-    Both are empty for iron without hysteresis.
+    gradients (3 p, r), kept in single precision; fixed (3 p,) or (0,); other arrays as in that class. terms (t, 3)
+    and expansion (t, r), kept in single precision: amplitudes as a sum over products of Chebyshev polynomials of the
+    signals, each scaled to -1..1; a term is an earlier term (column 0) times the polynomial of signal (1) and degree
+    (2); the first term is 1. tolerance: relative error of a solve, in the energy norm. pinning (l, k): pinning fields
+    of the k play cells in each law, T, in ascending order; shares (k,), their sum 1. Both are empty for iron without
+    hysteresis.
     """
 
     source: NDArray[np.float64]
@@ -69,7 +68,7 @@ class CompiledModel(NamedTuple):
 
 
 def core_numbers(model: CompiledModel) -> Array:
-    """Sizes and arrays of a model, behind one another, as the C core takes them."""
+    """Return the sizes and arrays of a model in one array, in the order of the C core."""
     domain, modes = model.domain, len(model.constant)
     wide = _LANES * -(-modes // _LANES)
     sizes = np.zeros(_SIZES)
@@ -114,7 +113,7 @@ def core_numbers(model: CompiledModel) -> Array:
         model.shares,
     )
     singles = model.gradients, model.expansion
-    # Filled in place: of a model that maps are made with, the gradients may take a gigabyte.
+    # The array is filled in place, because gradients of a model for making maps may take a gigabyte.
     rows = sum(len(single) for single in singles)
     numbers, at = np.zeros(sum(each.size for each in doubles) + rows * wide // 2), 0
     for each in doubles:
@@ -128,7 +127,7 @@ def core_numbers(model: CompiledModel) -> Array:
 
 
 def field_count(model: CompiledModel) -> int:
-    """Of all fields: the coils', the iron's and that of a background."""
+    """Return the number of all fields: of the coils, the iron and a background."""
     return int(model.source.shape[1] + len(model.output) + (model.fixed.size > 0))
 
 
@@ -144,10 +143,10 @@ def numbers_without_fields(
     pinning: Array,
     shares: Array,
 ) -> Array:
-    """The numbers of a model at any currents, without fields and expansion, for `IronState.step`; of one without coils
-    for `IronState.solve_in`. Arguments and tables of the laws as in `CompiledModel`."""
+    """Return the numbers of a model without fields, expansion and limits of currents: for `IronState.step`, or
+    without coils for `IronState.solve_in`. Arguments and tables of the laws are as in `CompiledModel`."""
     coils, modes = source.shape[1], len(constant)
-    # The core takes coils with signals and terms: one of each, which say nothing.
+    # The core requires a signal and a term if there are coils; these are placeholders.
     one = min(coils, 1)
     terms = np.zeros((one, 3), np.int64), np.zeros((one, modes))
     domain = SignalDomain(

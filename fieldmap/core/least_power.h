@@ -1,11 +1,11 @@
-/* least_power.h: least-power currents within limits that give a linear demand: a strictly convex quadratic program, exactly.
+/* least_power.h: currents of least power within limits that meet a linear demand: a strictly convex quadratic program.
  *
  *     min sum_k w_k i_k^2    with    A i = b,   lower <= i <= upper                  docs/theory/actuation.md (5)
  *
- * In x_k = sqrt(w_k) i_k the currents that meet the demand are x0 + N y: x0 the shortest of them, N an orthonormal basis of
- * what the demand does not feel (pivoted QR). What is left is the shortest y with G y >= h, which Lawson and Hanson (Solving
- * Least Squares Problems, 1974, ch. 23, LDP) reduce to non-negative least squares, an active-set method that ends after
- * finitely many steps and either finds y or proves that there is none. Nothing is allocated. In double precision.
+ * In x_k = sqrt(w_k) i_k the currents that meet the demand are x0 + N y: x0 is the shortest of them, and N an orthonormal basis
+ * of the null space of the demand's matrix (pivoted QR). The problem is then to find the shortest y with G y >= h. Lawson and
+ * Hanson (Solving Least Squares Problems, 1974, ch. 23, LDP) reduce it to non-negative least squares. This active-set method
+ * ends after finitely many steps, and either finds y or proves that there is none. Nothing is allocated.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -19,15 +19,14 @@
 
 enum { FIELDMAP_POWER_FOUND, FIELDMAP_POWER_OUT_OF_RANGE, FIELDMAP_POWER_BEYOND_LIMITS, FIELDMAP_POWER_NO_END };
 
-/* What is asked for. matrix (rows, coils), demand[rows]; lower, upper, weight[coils], weights above 0; limits may be
- * infinite. */
+/* The problem: matrix (rows, coils), demand[rows]; lower, upper, weight[coils], weights above 0; limits may be infinite. */
 typedef struct fieldmap_power_demand {
     int rows, coils;
     const double *matrix, *demand, *lower, *upper, *weight;
 } fieldmap_power_demand;
 
-/* Non-negative least squares: `count` columns of `size` numbers, of length 1, and a target; what a solution works with. q
- * (count + 1, size), r (count + 1, count + 1); chosen, inside, barred[count]: the active set, and what cannot enter it. */
+/* Non-negative least squares: `count` columns of `size` numbers, of length 1, a target, and work space. q (count + 1, size), r
+ * (count + 1, count + 1); chosen, inside[count]: the active set; barred[count]: columns that must not enter it now. */
 typedef struct fieldmap_nnls {
     int count, size, chosen_count;
     const double *columns, *target;
@@ -55,8 +54,8 @@ static inline void fieldmap_add_times(double *a, double factor, const double *b,
     for (i = 0; i < count; i++) a[i] += factor * b[i];
 }
 
-/* trial[chosen_count] of min |sum_p trial_p columns[chosen[p]] - target|, by modified Gram-Schmidt, the target at the end.
- * 0 if the chosen depend on each other. */
+/* Fill trial[chosen_count] of min |sum_p trial_p columns[chosen[p]] - target|, by modified Gram-Schmidt with the target as last
+ * column. Returns 0 if the chosen columns are linearly dependent. */
 static inline int fieldmap_nnls_least_squares(fieldmap_nnls *s)
 {
     const int size = s->size, n = s->chosen_count, width = s->count + 1;
@@ -95,7 +94,7 @@ static inline void fieldmap_nnls_left_over(fieldmap_nnls *s, const double *u)
         if (u[j] != 0.0) fieldmap_add_times(s->residual, -u[j], s->columns + (size_t)j * (size_t)s->size, s->size);
 }
 
-/* The column outside the active set that promises most, or -1. */
+/* The column outside the active set with the steepest descent, or -1. */
 static inline int fieldmap_nnls_steepest(const fieldmap_nnls *s)
 {
     double best = 1e-13;
@@ -117,7 +116,7 @@ static inline double fieldmap_nnls_lowest_trial(const fieldmap_nnls *s)
     return lowest;
 }
 
-/* Go from u towards the trial until a number reaches zero, and drop it from the active set; whether one was dropped. */
+/* Go from u towards the trial until a number reaches zero, and drop it from the active set. Returns whether one was dropped. */
 static inline int fieldmap_nnls_step_back(fieldmap_nnls *s, double *u)
 {
     const int before = s->chosen_count;
@@ -137,7 +136,7 @@ static inline int fieldmap_nnls_step_back(fieldmap_nnls *s, double *u)
     return kept < before;
 }
 
-/* u[count] >= 0 of min |sum_j u_j columns[j] - target|: Lawson and Hanson's NNLS. 0 if it comes to no end. */
+/* Fill u[count] >= 0 of min |sum_j u_j columns[j] - target|: NNLS of Lawson and Hanson. Returns 0 if there is no end. */
 static inline int fieldmap_nnls_solve(fieldmap_nnls *s, double *u)
 {
     int turn, p;
@@ -164,7 +163,7 @@ static inline int fieldmap_nnls_solve(fieldmap_nnls *s, double *u)
     return 0;
 }
 
-/* How many numbers, and how many marks, non-negative least squares works with. */
+/* Numbers of room for non-negative least squares. */
 static inline size_t fieldmap_nnls_room(size_t count, size_t size)
 {
     return (count + 1) * size + (count + 1) * (count + 1) + count + size;
@@ -178,7 +177,7 @@ static inline void fieldmap_nnls_lay_out(fieldmap_nnls *s, double *room, int *ma
     s->chosen = marks, s->inside = marks + count, s->barred = marks + 2 * count;
 }
 
-/* How many numbers of room, and how many marks, fieldmap_least_power works with. */
+/* Numbers of room, and numbers of marks, that fieldmap_least_power needs. */
 static inline size_t fieldmap_least_power_room(int rows, int coils)
 {
     const size_t m = (size_t)rows, n = (size_t)coils;
@@ -190,7 +189,7 @@ static inline size_t fieldmap_least_power_marks(int coils)
     return 6 * (size_t)coils;
 }
 
-/* Bring the row with most right of column p to place p; its length there. */
+/* Swap the row that is longest from column p on into place p. Returns this length. */
 static inline double fieldmap_power_pivot(double *rows, double *demand, int m, int n, int p)
 {
     double best = -1.0, swap;
@@ -204,7 +203,7 @@ static inline double fieldmap_power_pivot(double *rows, double *demand, int m, i
     return fieldmap_length(rows + p * n + p, n - p);
 }
 
-/* One Householder step: row p is turned into its diagonal, the basis gathers the turns. v[n]: room. */
+/* One Householder step: reflect row p onto its diagonal, and apply the reflection to the basis. v[n]: room. */
 static inline void fieldmap_power_reflect(double *rows, double *basis, int m, int n, int p, double size, double *v)
 {
     const int left = n - p;
@@ -224,9 +223,10 @@ static inline void fieldmap_power_reflect(double *rows, double *basis, int m, in
     }
 }
 
-/* x[n], the shortest with rows x = demand; the rank; how far the demand is off the range; an orthonormal basis (n, n), of
- * which what lies behind the rank is what the rows (m, n) do not feel. Householder's QR of the columns that the rows are,
- * pivoted. Rows and demand are used up. What is below 1e-9 of the largest adds nothing to the rank: it is rounding. */
+/* Fill x[n], the shortest solution of rows x = demand; off, the distance of the demand from the range; and an orthonormal basis
+ * (n, n), whose vectors after the rank span the null space of the rows (m, n). Returns the rank. The method is Householder's QR
+ * of the transposed rows, with pivoting. Rows and demand are overwritten. A pivot below 1e-9 of the largest is rounding and
+ * does not count in the rank. */
 static inline int fieldmap_power_meet(double *rows, double *demand, int m, int n, double *x, double *basis, double *v, double *off)
 {
     double largest = 0.0;
@@ -250,7 +250,7 @@ static inline int fieldmap_power_meet(double *rows, double *demand, int m, int n
     return rank;
 }
 
-/* By how much x[n] exceeds limits: below 0 within them. */
+/* Largest excess of x[n] over the limits; below 0 within them. */
 static inline double fieldmap_power_excess(const double *x, const double *low, const double *high, int n)
 {
     double worst = -(double)INFINITY;
@@ -262,7 +262,7 @@ static inline double fieldmap_power_excess(const double *x, const double *low, c
     return worst;
 }
 
-/* x[n] = start + sum_j y_j basis[j], the shortest y with low <= x <= high; basis (d, n); active[n]: -1, 0 or 1. */
+/* Fill x[n] = start + sum_j y_j basis[j] for the shortest y with low <= x <= high; basis (d, n); active[n]: -1, 0 or 1. */
 static inline int fieldmap_power_shortest(const double *basis, int d, int n, const double *start, const double *low,
                                           const double *high, double *x, int64_t *active, double *room, int *marks)
 {
@@ -294,8 +294,8 @@ static inline int fieldmap_power_shortest(const double *basis, int d, int n, con
     return FIELDMAP_POWER_FOUND;
 }
 
-/* The limits, on top of what the demand asks for. start[n]: x0; basis (d, n) of what the demand does not feel; limits may be
- * missed by 1e-11 of the longest, and are then met by clipping. */
+/* Apply the limits. start[n]: x0; basis (d, n): of the null space. A limit may be exceeded by 1e-11 of the largest number
+ * before clipping. */
 static inline int fieldmap_power_within(const fieldmap_power_demand *of, const double *basis, int d, double *start,
                                         const double *root, double *currents, int64_t *active, double *room, int *marks)
 {
@@ -308,7 +308,7 @@ static inline int fieldmap_power_within(const fieldmap_power_demand *of, const d
         if (isfinite(low[k])) scale = fmax(scale, fabs(low[k]));
         if (isfinite(high[k])) scale = fmax(scale, fabs(high[k]));
     }
-    /* In units of the widest limit, or of the currents: so the tolerances of the active-set method mean something. */
+    /* Numbers are divided by the largest limit or current, because the active-set method has absolute tolerances. */
     if (scale == 0.0) scale = 1.0;
     slack = 1e-11 * scale;
     if (fieldmap_power_excess(x, low, high, n) > slack) {
@@ -326,12 +326,12 @@ static inline int fieldmap_power_within(const fieldmap_power_demand *of, const d
     return FIELDMAP_POWER_FOUND;
 }
 
-/* currents[coils] and which limits they lie on, active[coils]: -1 lower, 1 upper; one of the above. Where the status is
- * FIELDMAP_POWER_BEYOND_LIMITS, active says which limits together rule the demand out, and currents are those of no limits.
- * room, marks: as many as the functions above say.
+/* Fill currents[coils], and active[coils], the limits that they lie on: -1 lower, 1 upper, 0 none. If the status is
+ * FIELDMAP_POWER_BEYOND_LIMITS, active marks the limits that together exclude the demand, and currents are those without
+ * limits. room, marks: see fieldmap_least_power_room and fieldmap_least_power_marks.
  *
- * Rows are scaled to length 1, but those below 1e-7 of the longest only as far as that one is. A demand off the range of
- * the matrix by 1e-9 of its length is out of it. */
+ * Rows are scaled to length 1; a row below 1e-7 of the longest is divided by 1e-7 of the longest instead. A demand is out of
+ * range if its distance from the range of the matrix exceeds 1e-9 of its largest number. */
 static inline int fieldmap_least_power(
     const fieldmap_power_demand *of, double *room, int *marks, double *currents, int64_t *active)
 {

@@ -1,4 +1,4 @@
-"""Least-power currents within limits that give a linear demand: fieldmap/core/least_power.h."""
+"""Currents of least power within limits that meet a linear demand: fieldmap/core/least_power.h."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ FOUND: int = LIBRARY.POWER_FOUND
 OUT_OF_RANGE: int = LIBRARY.POWER_OUT_OF_RANGE
 BEYOND_LIMITS: int = LIBRARY.POWER_BEYOND_LIMITS
 NO_END: int = LIBRARY.POWER_NO_END
-"""What `least_power` says: found; no currents give the demand; none within the limits do; the method did not end."""
+"""Status of `least_power`: found; no currents meet the demand; none within the limits do; the method did not end."""
 
 
 def least_power(
@@ -23,15 +23,15 @@ def least_power(
     currents: Array,
     active: NDArray[Any],
 ) -> int:
-    """Fill currents (n,) and which limits they lie on, active (n,), int64: -1 lower, 1 upper; the status.
+    """Fill currents (n,), and active (n,), int64, the limits that they lie on: -1 lower, 1 upper. Returns the status.
 
-    matrix (m, n), demand (m,), lower, upper, weight (n,), weight > 0; limits may be infinite. Where the status is
-    BEYOND_LIMITS, active names the limits that together rule the demand out, and currents are those of no limits.
+    matrix (m, n), demand (m,), lower, upper, weight (n,), weight > 0; limits may be infinite. If the status is
+    BEYOND_LIMITS, active marks the limits that together exclude the demand, and currents are those without limits.
     """
     return int(LIBRARY.least_power(matrix, demand, lower, upper, weight, currents, active))
 
 
 def non_negative_least_squares(columns: Array, target: Array, u: Array) -> bool:
-    """Fill u (n,) >= 0 of min |sum_j u_j columns[j] - target|: Lawson and Hanson's NNLS; columns (n, size) of length 1.
-    False where it comes to no end."""
+    """Fill u (n,) >= 0 of min |sum_j u_j columns[j] - target|: NNLS of Lawson and Hanson; columns (n, size) of length
+    1. Returns False if the method does not end."""
     return bool(LIBRARY.non_negative_least_squares(columns, target, u))

@@ -1,4 +1,4 @@
-"""The compiled run time: a module in C (python.c), loaded for the newest processor that this machine is."""
+"""The compiled run time: a module in C (python.c), in the newest variant that this processor supports."""
 
 import sys
 from importlib.machinery import ExtensionFileLoader
@@ -10,7 +10,7 @@ from fieldmap.core.compile import FOLDER, libraries, machine
 
 
 def loaded(path: Path) -> Any:
-    """The module in a file."""
+    """Load the module in a file."""
     loader = ExtensionFileLoader(f"{__name__.rpartition('.')[0]}.library", str(path))
     spec = spec_from_loader(loader.name, loader)
     assert spec is not None
@@ -20,7 +20,7 @@ def loaded(path: Path) -> Any:
 
 
 def runs(path: Path, level: int) -> bool:
-    """Whether a processor of this level (`level` of python.c) runs a library."""
+    """Return whether a processor of this level (`level` in python.c) can run a library."""
     _, dash, needed = path.name.split(".")[1].partition("-v")
     return not dash or int(needed) <= level
 

@@ -1,7 +1,6 @@
-/* losses.h: what takes energy from a moving body: drag, and eddy currents in a conducting plate.
+/* losses.h: losses of a moving body by drag and by eddy currents in a conducting plate.
  *
- * docs/theory/dynamics.md (9) to (18). The plate has any thickness and no end to the sides; motion is slow. In double
- * precision.
+ * docs/theory/dynamics.md (9) to (18). The plate has any thickness and extends to infinity sideways; motion is slow.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -10,8 +9,8 @@
 
 #include "magnetic_body.h"
 
-/* Resistance by axes. linear: N s/m, along the axes of the map; along those of the body: body_linear, N s/m,
- * body_quadratic, N s^2/m^2, and of its turning: turning, N m s, turning_quadratic, N m s^2. */
+/* Drag coefficients by axis. Axes of the map: linear, N s/m. Axes of the body: body_linear, N s/m, body_quadratic, N s^2/m^2,
+ * and for rotation turning, N m s, turning_quadratic, N m s^2. */
 typedef struct fieldmap_drag {
     double linear[3], body_linear[3], body_quadratic[3], turning[3], turning_quadratic[3];
 } fieldmap_drag;
@@ -27,7 +26,7 @@ typedef struct fieldmap_moving_dipole {
     double place[3], moment[3], velocity[3], rate[3];
 } fieldmap_moving_dipole;
 
-/* The part of a vector along n, of length 1, and in `plane` the rest. */
+/* Split a vector: returns its component along the unit vector n, and fills `plane` with the rest. */
 FIELDMAP_INLINE double fieldmap_split(const double *vector, const double *n, double *plane)
 {
     const double along = fieldmap_dot(vector, n);
@@ -36,8 +35,8 @@ FIELDMAP_INLINE double fieldmap_split(const double *vector, const double *n, dou
     return along;
 }
 
-/* Force[3] of eddy currents on a dipole, and turning[3], so that the torque is moment x turning: (16), (17). On or behind
- * the face the formula has no meaning and gives NaN. */
+/* Force[3] of eddy currents on a dipole, and turning[3] with torque = moment x turning: (16), (17). The formula is singular on
+ * the face; on or behind the face results are NaN. */
 FIELDMAP_INLINE void fieldmap_plate_force(
     const fieldmap_plate *plate, const fieldmap_moving_dipole *dipole, double *force, double *turning)
 {
@@ -70,8 +69,8 @@ FIELDMAP_INLINE double fieldmap_resist(double linear, double quadratic, double s
     return -(linear + quadratic * fabs(speed)) * speed;
 }
 
-/* Add the force of drag on a body that is turned by r[9], frame of the map, and its torque, frame of the body. velocity[3]:
- * frame of the map; angular_velocity[3]: frame of the body. */
+/* Add the force, frame of the map, and the torque, frame of the body, of drag on a body with rotation r[9]. velocity[3]: frame
+ * of the map; angular_velocity[3]: frame of the body. */
 FIELDMAP_INLINE void fieldmap_add_drag(const fieldmap_drag *drag, const double *r, const double *velocity,
                                      const double *angular_velocity, double *force, double *torque)
 {
@@ -86,7 +85,7 @@ FIELDMAP_INLINE void fieldmap_add_drag(const fieldmap_drag *drag, const double *
     }
 }
 
-/* The same of eddy currents in a plate. position[3]: of the body; seen: the dipole for which the plate takes its magnets. */
+/* The same for eddy currents in a plate. position[3]: of the body; seen: one dipole that represents its magnets. */
 FIELDMAP_INLINE void fieldmap_add_eddies(const fieldmap_plate *plate, const fieldmap_dipole *seen, const double *position,
                                        const double *r, const double *velocity, const double *angular_velocity,
                                        double *force, double *torque)

@@ -1,7 +1,5 @@
 /* machine.h: a body with magnets, the coils that move it, and the field of their currents.
  *
- * In double precision.
- *
  * BSD-3-Clause, the fieldmap developers.
  */
 #ifndef FIELDMAP_MACHINE_H
@@ -11,9 +9,8 @@
 #include "instruments.h"
 #include "rigid_body.h"
 
-/* field: with `weights` of its own, which follow the currents by `superposition`. seen_at: the point of the body that
- * sensors see. windings, drives: of each coil. electrical: of coupled coils, in the place of the windings, or NULL. scratch:
- * room for n_coils numbers. */
+/* field: its `weights` follow the currents by `superposition`. seen_at: the sensed point in the body. windings, drives: of each
+ * coil. electrical: coupled coils, which replace the windings, or NULL. scratch: room for n_coils numbers. */
 typedef struct fieldmap_machine {
     fieldmap_path field;
     double *weights, *scratch;
@@ -26,7 +23,7 @@ typedef struct fieldmap_machine {
     fieldmap_electrical *electrical;
 } fieldmap_machine;
 
-/* The field becomes that of these currents; whether they lie where it is known how it follows them. */
+/* Set the field to that of currents. Returns whether they lie in the table or the domain of the iron. */
 static inline int fieldmap_machine_follow(fieldmap_machine *machine, const double *currents)
 {
     const int within = fieldmap_follow(&machine->superposition, currents, machine->weights);
@@ -34,7 +31,7 @@ static inline int fieldmap_machine_follow(fieldmap_machine *machine, const doubl
     return within;
 }
 
-/* out[3]: where the point of the body that is seen lies in the map. */
+/* Fill out[3]: the sensed point of the body in the map. */
 static inline void fieldmap_sensed_point(const fieldmap_machine *machine, const fieldmap_state *state, double *out)
 {
     double r[9], arm[3];
@@ -44,7 +41,7 @@ static inline void fieldmap_sensed_point(const fieldmap_machine *machine, const 
     for (i = 0; i < 3; i++) out[i] = state->position[i] + arm[i];
 }
 
-/* Begin a run of coupled coils at a state and currents. The status of the map. */
+/* Begin a run of coupled coils at a state and currents. Returns the status of the map. */
 static inline int fieldmap_coupled_begin(fieldmap_machine *machine, const fieldmap_state *state, const double *currents)
 {
     double r[9];
@@ -54,8 +51,8 @@ static inline int fieldmap_coupled_begin(fieldmap_machine *machine, const fieldm
                                      state->position, r, currents);
 }
 
-/* A step of second order of the body and of coupled coils. load[6] goes in as that at the beginning and comes out as that at
- * the end. held: set if a limit holds; within: as fieldmap_machine_follow. The status of the map. */
+/* A step of second order of the body and of coupled coils. load[6] is the load at the beginning, and afterwards the load at the
+ * end. held: set if a limit is active; within: as fieldmap_machine_follow returns. Returns the status of the map. */
 static inline int fieldmap_coupled_step(fieldmap_machine *machine, double h, const double *commands, fieldmap_state *state,
                                         double *currents, double *load, int *held, int *within, int *touched)
 {
@@ -64,7 +61,7 @@ static inline int fieldmap_coupled_step(fieldmap_machine *machine, double h, con
     *touched = FIELDMAP_FREE;
     if (!machine->electrical->known) status = fieldmap_coupled_begin(machine, state, currents);
     if (status != FIELDMAP_OK) return status;
-    /* The currents move while the body flies; without resistance and voltage the step is symplectic. */
+    /* The currents change between the half kicks; without resistance and voltage the step is symplectic. */
     fieldmap_leave(&machine->body, per, r, state, load, h, 2);
     status = fieldmap_drive_coils(machine->electrical, &machine->superposition, &machine->field, &machine->body.magnetic,
                                   state->position, r, commands, h, currents, machine->weights, held, within);
@@ -72,8 +69,8 @@ static inline int fieldmap_coupled_step(fieldmap_machine *machine, double h, con
     return fieldmap_arrive(&machine->field, &machine->body, per, r, state, load, h, 2, touched);
 }
 
-/* A motion at weights that do not change: rows of states, the first after no step, each after `every` steps of h more.
- * Rows that were filled; the status of the map, and what was touched by then. The state is advanced. */
+/* A motion at constant weights. Fills rows of states: the first is the start, and each later one follows after `every` steps of
+ * h. Advances the state, and fills the status of the map and the contacts so far. Returns the number of rows filled. */
 static inline long fieldmap_move(fieldmap_machine *machine, fieldmap_state *state, double h, long every, int order,
                                  long rows, fieldmap_state *states, int *status, int *touched)
 {
@@ -93,8 +90,8 @@ static inline long fieldmap_move(fieldmap_machine *machine, fieldmap_state *stat
     return row;
 }
 
-/* One control period of `steps` steps of h at commands[n_coils], for controllers that call once a sample. load[6]: that of
- * the state as it comes in. The status of the map. */
+/* One control period of `steps` steps of h at commands[n_coils], for controllers that call once a sample. load[6]: the load at
+ * the beginning, and afterwards the load at the end. Returns the status of the map. */
 static inline int fieldmap_advance(fieldmap_machine *machine, double h, long steps, const double *commands,
                                    fieldmap_state *state, double *currents, double *load)
 {
@@ -111,7 +108,7 @@ static inline int fieldmap_advance(fieldmap_machine *machine, double h, long ste
         fieldmap_advance_currents(machine->windings, machine->n_coils, commands, currents, &held, &moved);
         if (moved) {
             fieldmap_machine_follow(machine, currents);
-            /* Where currents jump, the load at the beginning is that of the new ones. */
+            /* If the currents jump, the load at the beginning belongs to the new currents. */
             if (at_once && step == 0) status = fieldmap_load(&machine->field, &machine->body, state, load, &touched);
         }
         if (status == FIELDMAP_OK)

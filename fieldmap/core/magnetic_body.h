@@ -2,8 +2,6 @@
  *
  *     F_k = sum m_i dB_i/dx_k,   T = sum m x B + r x F,   r from the origin of the body
  *
- * In double precision.
- *
  * BSD-3-Clause, the fieldmap developers.
  */
 #ifndef FIELDMAP_MAGNETIC_BODY_H
@@ -31,20 +29,20 @@ typedef struct fieldmap_magnetic_body {
     const fieldmap_soft *soft;
 } fieldmap_magnetic_body;
 
-/* At how many points the field acts on a body: its dipoles, then its pieces of soft iron. */
+/* Number of points at which the field acts on a body: its dipoles, then its pieces of soft iron. */
 static inline int fieldmap_body_points(const fieldmap_magnetic_body *body)
 {
     return body->n_dipoles + body->n_soft;
 }
 
-/* Point p of a body that is turned by r[9], from its origin, frame of the map. */
+/* Fill arm[3]: from the origin of a body with rotation r[9] to point p, frame of the map. */
 FIELDMAP_INLINE void fieldmap_body_arm(const fieldmap_magnetic_body *body, int p, const double *r, double *arm)
 {
     fieldmap_to_map(r, p < body->n_dipoles ? body->dipoles[p].point : body->soft[p - body->n_dipoles].centre, arm);
 }
 
-/* moment[3] of point p in flux[3], both in the frame of the map; its energy, J: -m . B of a dipole, -integral of m dB of
- * soft iron. */
+/* Fill moment[3] of point p in flux[3], frame of the map. Returns the energy, J: -m . B of a dipole, -integral of m dB of soft
+ * iron. */
 FIELDMAP_INLINE double fieldmap_body_moment(
     const fieldmap_magnetic_body *body, int p, const double *r, const double *flux, double *moment)
 {
@@ -59,7 +57,7 @@ FIELDMAP_INLINE double fieldmap_body_moment(
     return energy;
 }
 
-/* Add to wrench[6] what a field does to a moment at an arm from the origin. */
+/* Add the wrench of a field on a moment at an arm from the origin to wrench[6]. */
 FIELDMAP_INLINE void fieldmap_add_wrench(
     const double *flux, const double *gradient, const double *moment, const double *arm, double *wrench)
 {
@@ -70,11 +68,11 @@ FIELDMAP_INLINE void fieldmap_add_wrench(
     for (k = 0; k < 6; k++) wrench[k] += own[k];
 }
 
-/* Steps towards the moments of soft iron in the reaction to itself, which is weak: each gains digits. */
+/* Largest number of fixed-point steps for soft iron in its own reaction, which is weak, so that each step gains digits. */
 enum { FIELDMAP_REACTION_STEPS = 40 };
 
-/* flux[3], gradient[9], T/m, of a field and of the reaction with these signed weights, or NULL, at point p of a body; arm[3]
- * to it, and `at`, the point itself. */
+/* Fill flux[3], T, and gradient[9], T/m, of a field and the reaction at point p of a body; also arm[3], and at[3], its position
+ * in the map. reacting: signed weights of the reaction, or NULL for none. Returns the status of the map. */
 FIELDMAP_INLINE int fieldmap_body_field(
     const fieldmap_path *field, const fieldmap_magnetic_body *body, const double *place, const double *r, int p,
     const double *reacting, double *arm, double *at, double *flux, double *gradient)
@@ -88,8 +86,8 @@ FIELDMAP_INLINE int fieldmap_body_field(
     return status;
 }
 
-/* Place at[3] and moment[3] of point p of a body, of soft iron in a field and in the reaction with these signed weights, or NULL.
- * Magnets keep their moments, whatever the field. */
+/* Fill place at[3] and moment[3] of point p of a body; soft iron is in the field and the reaction, as in fieldmap_body_field.
+ * The field is not evaluated for magnets, whose moments are fixed. */
 FIELDMAP_INLINE int fieldmap_body_dipole(
     const fieldmap_path *field, const fieldmap_magnetic_body *body, const double *place, const double *r, int p,
     const double *reacting, double *at, double *moment)
@@ -106,8 +104,7 @@ FIELDMAP_INLINE int fieldmap_body_dipole(
     return status;
 }
 
-/* Add to weights[k] of the reaction those of points first to last - 1 of a body; its soft iron in the field of the reaction
- * with signed weights `reacting` or NULL. */
+/* Add points first to last - 1 of a body to weights[k] of the reaction; arguments as in fieldmap_body_dipole. */
 static inline int fieldmap_body_reacts(
     const fieldmap_path *field, const fieldmap_magnetic_body *body, const double *place, const double *r, int first, int last,
     const double *reacting, double *weights, double *at)
@@ -121,7 +118,7 @@ static inline int fieldmap_body_reacts(
     return status;
 }
 
-/* From weights in the last step to those in the next, in place: whether they have changed by more than rounding. */
+/* Replace the weights by those of the next step. Returns whether they changed by more than rounding. */
 static inline int fieldmap_reacting_moved(int fields, const double *next, double *weights)
 {
     double largest = 0.0, change = 0.0;
@@ -134,7 +131,8 @@ static inline int fieldmap_reacting_moved(int fields, const double *next, double
     return change > 1e-14 * largest;
 }
 
-/* The signed weights of the iron's reaction to a body: NULL in *reacting where the map knows none. */
+/* Find the signed weights of the iron's reaction to a body, in `room`. *reacting points to them, or is NULL without
+ * reaction. */
 static inline int fieldmap_body_reaction(
     const fieldmap_path *field, const fieldmap_magnetic_body *body, const double *place, const double *r, double *room,
     const double **reacting, double *at)
@@ -158,8 +156,8 @@ static inline int fieldmap_body_reaction(
     return status;
 }
 
-/* wrench[6] on a body at a place, turned by r[9], about its origin, all in the frame of the map. The status of the first
- * point at which the field is not known, with that point in `at` unless NULL. */
+/* Fill wrench[6] about the origin of a body at a place with rotation r[9], all in the frame of the map. Returns the status of
+ * the first point at which the field is unknown, and fills `at`, unless NULL, with this point. */
 static inline int fieldmap_body_wrench(const fieldmap_path *field, const fieldmap_magnetic_body *body, const double *place,
                                        const double *r, double *wrench, double *at)
 {
@@ -180,7 +178,7 @@ static inline int fieldmap_body_wrench(const fieldmap_path *field, const fieldma
     return status;
 }
 
-/* *energy, J, of a body in a field; a status as above. */
+/* Fill *energy, J, of a body in a field. Returns a status as fieldmap_body_wrench does. */
 static inline int fieldmap_body_energy(const fieldmap_path *field, const fieldmap_magnetic_body *body, const double *place,
                                        const double *r, double *energy)
 {
@@ -195,7 +193,7 @@ static inline int fieldmap_body_energy(const fieldmap_path *field, const fieldma
         *energy += fieldmap_body_moment(body, p, r, flux, moment);
         if (reacting != NULL) status = fieldmap_reaction_add(field->map, point, moment, weights);
     }
-    /* The energy of every moment in the reaction counts the pair of both twice. */
+    /* The sum counts the energy of the moments in their own reaction twice. */
     for (k = 0; reacting != NULL && k < field->map->reacting; k++) *energy += 0.5 * weights[k] * reacting[k];
     return status;
 }

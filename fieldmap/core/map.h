@@ -1,7 +1,7 @@
 /* map.h: flux density, its derivatives and the scalar potential from the coefficients of a map.
  *
  * SI units, z up: points in m, currents in A, B in T, gradient[3 * i + j] = dB_i/dx_j in T/m, second[9 * i + 3 * j + k] =
- * d2B_i/dx_j dx_k in T/m^2. What a map holds: harmonic_map.h.
+ * d2B_i/dx_j dx_k in T/m^2. harmonic_map.h describes maps.
  *
  * Nothing is allocated, and a map is never written to: any number of threads may use it.
  *
@@ -16,7 +16,7 @@
 /* Numbers of a node in Hermite form: three components of eight. A map of the potential has one component. */
 enum { FIELDMAP_NODE = 24, FIELDMAP_CORNER = 8 };
 
-/* The corners of a cell in Hermite form, in `room`, 8 * FIELDMAP_NODE numbers, or in the map. */
+/* Fill pointers to the corners of a cell in Hermite form, in the map or in `room`, 8 * FIELDMAP_NODE numbers. */
 static inline void fieldmap_corners(
     const fieldmap *map, const fm_real *weights, const fieldmap_spot *spot, fm_real *room, const fm_real *corners[8])
 {
@@ -31,7 +31,7 @@ static inline void fieldmap_bases(const fieldmap *map, const fieldmap_spot *spot
     for (axis = 0; axis < 3; axis++) fieldmap_hermite_basis(spot->t[axis], map->local[axis], axes + axis);
 }
 
-/* What a point has where the field is not known. */
+/* Fill results with NaN where the field is unknown. */
 static inline void fieldmap_unknown(fm_real *out, int count)
 {
     const fm_real zero = FM(0);
@@ -39,7 +39,7 @@ static inline void fieldmap_unknown(fm_real *out, int count)
     for (i = 0; i < count; i++) out[i] = zero / zero;
 }
 
-/* The coefficients of a spot, summed at weights, in `row`: those of its polynomial, or of the eight corners of its cell. */
+/* Fill `row` with the coefficients at a spot, summed at weights: of its polynomial, or of the eight corners of its cell. */
 static inline void fieldmap_gather(const fieldmap *map, const fm_real *weights, const fieldmap_spot *spot, fm_real *row)
 {
     const fm_real *corners[8];
@@ -96,7 +96,7 @@ static inline void fieldmap_field_at(
     }
 }
 
-/* flux[3] and, unless NULL, gradient[9] at point[3] for weights of the sets; weights may be NULL for a map of one. */
+/* flux[3] and, unless NULL, gradient[9] at point[3] for weights of the sets; weights may be NULL for a map of one set. */
 static inline int fieldmap_field_of_weights(
     const fieldmap *map, const fm_real *weights, const fm_real *point, fm_real *flux, fm_real *gradient)
 {
@@ -111,7 +111,7 @@ static inline int fieldmap_field_of_weights(
     return status;
 }
 
-/* As fieldmap_fields, of harmonic polynomials of degree 5 or of one polynomial for all points: FIELDMAP_LANES at a time. */
+/* As fieldmap_fields, for polynomials of degree 5 or one polynomial for all points, FIELDMAP_LANES points at a time. */
 static inline size_t fieldmap_fields_in_lanes(
     const fieldmap *map, const fm_real *weights, size_t step, const fm_real *points, size_t count, fm_real *flux, fm_real *gradient)
 {
@@ -157,8 +157,8 @@ static inline size_t fieldmap_fields_in_lanes(
     return outside;
 }
 
-/* flux (count, 3) and, unless NULL, gradient (count, 3, 3) at points (count, 3). Weights of point p begin at weights[p *
- * step]; with step 0 they are the same for all. How many points lie outside. */
+/* flux (count, 3) and, unless NULL, gradient (count, 3, 3) at points (count, 3). Weights of point p begin at weights[p * step];
+ * with step 0 they are the same for all points. Returns the number of points outside. */
 static inline size_t fieldmap_fields(
     const fieldmap *map, const fm_real *weights, size_t step, const fm_real *points, size_t count, fm_real *flux, fm_real *gradient)
 {
@@ -186,7 +186,7 @@ static inline int fieldmap_each_field(const fieldmap *map, const fm_real *point,
             fieldmap_unknown(flux + 3 * s, 3);
             if (g != NULL) fieldmap_unknown(g, 9);
         } else {
-            /* All sets of the map, seen from where this one begins. */
+            /* The same map, with coefficients that begin at this set. */
             one.coefficients = map->coefficients + (size_t)s * (size_t)map->size;
             fieldmap_field_at(&one, NULL, &spot, flux + 3 * s, g);
         }
@@ -227,7 +227,7 @@ static inline int fieldmap_second_gradient_of_weights(
     return status;
 }
 
-/* U, T m, with B = -grad U, at point[3] for weights of the sets. In Hermite form: of a map of the potential. */
+/* U, T m, with B = -grad U, at point[3] for weights of the sets. A Hermite form must be a map of the potential. */
 static inline int fieldmap_potential_of_weights(
     const fieldmap *map, const fm_real *weights, const fm_real *point, fm_real *potential)
 {
@@ -252,7 +252,7 @@ static inline int fieldmap_potential_of_weights(
     return status;
 }
 
-/* What follows is for callers who do not know what they were given. */
+/* The functions below check their arguments. */
 
 /* flux[3] and, unless NULL, gradient[9] at point[3] for currents[n_coils]. */
 static inline int fieldmap_field(

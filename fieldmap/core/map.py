@@ -7,15 +7,15 @@ from fieldmap.typing import Array
 
 
 class CoreMap:
-    """The block of a map (fieldmap/core/block.h), ready for the functions of the core.
+    """The block of a map (fieldmap/core/block.h), prepared for the functions of the core.
 
-    components: of the Hermite form, 3, or 1 of the potential. constant: whether the last set is a field that no current
-    drives, whose weight is 1. reaction: a map of the fields of the iron's reaction to magnets, of which the last
-    `repelled` count negatively (fieldmap/core/reaction.h); what asks for a wrench then gets that of the reaction, too.
-    Arrays are float64 and in C order; others raise TypeError. points (n, 3), m; weights (n, sets) or (1, sets) of the
-    other sets, or None for a block of one set. Results are written to the arrays given for them, NaN where a point is
-    not finite or lies outside a box whose rule is not to clamp. Methods return how many points lie outside. Several
-    threads may call them at once.
+    components: of a Hermite form, 3 for flux density or 1 for the potential. constant: whether the last set is a
+    field that no current drives, with weight 1. reaction: a map of the fields of the iron's reaction to magnets; its
+    last `repelled` fields have the sign -1 (fieldmap/core/reaction.h), and wrenches then include the reaction. Arrays
+    are float64 and in C order; any other array raises TypeError. points (n, 3), m; weights (n, sets) or (1, sets) of
+    the sets without the constant one, or None for a block of one set. Methods fill the arrays of results, with NaN
+    where a point is not finite or lies outside a box that does not clamp, and return the number of points outside.
+    Several threads may call them at once.
     """
 
     def __init__(
@@ -33,41 +33,41 @@ class CoreMap:
 
     @property
     def sets(self) -> int:
-        """How many fields the block holds."""
+        """Number of fields of the block."""
         return int(LIBRARY.map_sets(self.map))
 
     @property
     def block(self) -> Array:
-        """The array in which its coefficients lie."""
+        """The array of the coefficients."""
         return self._given[0]
 
     def fields(self, points: Array, weights: Array | None, flux: Array, gradient: Array | None) -> int:
-        """flux (n, 3), T, and gradient (n, 3, 3), T/m."""
+        """Fill flux (n, 3), T, and gradient (n, 3, 3), T/m."""
         return int(LIBRARY.fields(self.map, points, weights, flux, gradient))
 
     def second_gradients(self, points: Array, weights: Array | None, second: Array) -> int:
-        """second (n, 3, 3, 3), T/m^2."""
+        """Fill second (n, 3, 3, 3), T/m^2."""
         return int(LIBRARY.second_gradients(self.map, points, weights, second))
 
     def potentials(self, points: Array, weights: Array | None, values: Array) -> int:
-        """values (n,), T m: U with B = -grad U."""
+        """Fill values (n,), T m, with U, where B = -grad U."""
         return int(LIBRARY.potentials(self.map, points, weights, values))
 
     def each_field(self, points: Array, flux: Array, gradient: Array | None) -> int:
-        """flux (n, sets, 3) and gradient (n, sets, 3, 3) of every set at weight 1, the constant one too."""
+        """Fill flux (n, sets, 3) and gradient (n, sets, 3, 3) of every set, also the constant one, at weight 1."""
         return int(LIBRARY.each_field(self.map, points, flux, gradient))
 
     def sum_sets(self, weights: Array, out: Array) -> None:
-        """out (places * size,): the sets of every place, summed at weights (sets,)."""
+        """Fill out (places * size,) with the sum of the sets at every place, with weights (sets,)."""
         LIBRARY.sum_sets(self.map, weights, out)
 
     def field_at(self, point: Any, weights: Any) -> tuple[Array, Array] | None:
-        """B (3,) and gradient (3, 3) at a point (3,), or None where it or the weights (sets,) do not fit, or it lies
-        outside."""
+        """Return B (3,) and gradient (3, 3) at a point (3,), or None if the point or the weights (sets,) have a wrong
+        shape or the point lies outside."""
         return LIBRARY.field_at(self.map, point, weights)
 
     def dipole_wrench_at(self, point: Any, moment: Any, weights: Any) -> Array | None:
-        """Force, N, and torque, N m, (6,), on a dipole of moment (3,), A m^2; otherwise as `field_at`."""
+        """Return force, N, and torque, N m, (6,), on a dipole of moment (3,), A m^2; otherwise as `field_at`."""
         return LIBRARY.dipole_wrench_at(self.map, point, moment, weights)
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -1,6 +1,6 @@
-/* map_file.h: a map in a file or in memory, opened and checked; in double precision.
+/* map_file.h: opens and checks a map in a file or in memory. All numbers are double.
  *
- * fieldmap.interop.c_map writes such files and says how they are made.
+ * fieldmap.interop.c_map writes such files and describes their layout.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -14,10 +14,10 @@
 #include "block.h"
 #include "reaction.h"
 
-/* Bytes before the names. */
+/* Size of the header before the names, bytes. */
 enum { FIELDMAP_NAMES = 40 };
 
-/* What a status means. */
+/* Text of a status. */
 static inline const char *fieldmap_message(int status)
 {
     static const char *const texts[] = {
@@ -43,8 +43,8 @@ static inline uint32_t fieldmap_checksum(const unsigned char *bytes, size_t size
     return crc ^ 0xffffffffu;
 }
 
-/* Whether `size` bytes are a file of fieldmap that begins with eight letters: at an address that is a multiple of 8, at
- * least `least` bytes, in this byte order, of version 1 to `newest`, whole, and as its checksum says. version: which. */
+/* Check that `size` bytes are a complete file of fieldmap that begins with eight letters: at an address that is a multiple of
+ * 8, at least `least` bytes, in this byte order, of version 1 to `newest`, and with the right checksum. Fills version. */
 static inline int fieldmap_check_file(
     const void *bytes, size_t size, const char *letters, size_t least, uint32_t newest, uint32_t *version)
 {
@@ -64,7 +64,7 @@ static inline int fieldmap_check_file(
     return total == size && crc == fieldmap_checksum(raw + 28, size - 28) ? FIELDMAP_OK : FIELDMAP_DAMAGED;
 }
 
-/* Read a file whole, into memory that the caller gives back by free. */
+/* Read a whole file into memory that the caller must free. */
 static inline int fieldmap_read_file(const char *path, void **bytes, size_t *size)
 {
     FILE *file = fopen(path, "rb");
@@ -73,7 +73,7 @@ static inline int fieldmap_read_file(const char *path, void **bytes, size_t *siz
     *bytes = NULL;
     if (file == NULL) return FIELDMAP_NO_FILE;
     if (fseek(file, 0, SEEK_END) == 0) length = ftell(file);
-    /* A folder can be opened as well, and states any length; but nothing can be read. */
+    /* A folder can be opened too, and may report any length, but reading from it fails. */
     if (length > 0 && (fseek(file, 0, SEEK_SET) != 0 || fgetc(file) == EOF)) length = -1;
     if (length >= 0 && fseek(file, 0, SEEK_SET) == 0) {
         *size = (size_t)length;
@@ -87,8 +87,8 @@ static inline int fieldmap_read_file(const char *path, void **bytes, size_t *siz
     return status;
 }
 
-/* A map in memory (in flash, say), used where it lies: `bytes`, at an address that is a multiple of 8, must outlive
- * the map. No memory is taken. */
+/* Use a map in memory, for example in flash, without a copy: `bytes`, at an address that is a multiple of 8, must outlive the
+ * map. Nothing is allocated. */
 static inline int fieldmap_view(fieldmap *map, const void *bytes, size_t size)
 {
     const unsigned char *raw = (const unsigned char *)bytes;
@@ -113,7 +113,7 @@ static inline int fieldmap_view(fieldmap *map, const void *bytes, size_t size)
     reacting = fieldmap_whole(block[FIELDMAP_REACTING], 0, FIELDMAP_REACTION_FIELDS);
     repelled = fieldmap_whole(block[FIELDMAP_REPELLED], 0, reacting);
     linked = fieldmap_whole(block[FIELDMAP_LINKED], 0, sets);
-    /* What the version says stands under the checksum as well. */
+    /* The checksum covers the sizes but not the version, so the version must agree with the sizes. */
     if (sets < 0 || reacting < 0 || repelled < 0 || linked < 0) return FIELDMAP_DAMAGED;
     if ((linked > 0) != (version == 4u) || (version < 4u && (reacting > 0) != (version == 3u))) return FIELDMAP_DAMAGED;
     linkages = (uint64_t)linked * (uint64_t)(linked + 1);
@@ -144,7 +144,7 @@ static inline int fieldmap_view(fieldmap *map, const void *bytes, size_t size)
     return status;
 }
 
-/* Give back what fieldmap_open or fieldmap_at took. Safe on a map that was never opened but zeroed. */
+/* Free the memory of fieldmap_open or fieldmap_at. A map of zeros is allowed. */
 static inline void fieldmap_close(fieldmap *map)
 {
     if (map != NULL) {
@@ -153,7 +153,7 @@ static inline void fieldmap_close(fieldmap *map)
     }
 }
 
-/* A map from a file. */
+/* Read a map from a file. */
 static inline int fieldmap_open(fieldmap *map, const char *path)
 {
     void *bytes;
@@ -179,7 +179,7 @@ static inline const char *fieldmap_coil_name(const fieldmap *map, int k)
     return name;
 }
 
-/* The map at fixed currents, asked with currents = NULL from then on: a copy, to be closed. `map` may be closed. */
+/* Fill `fixed`, a copy of the map at fixed currents, which takes currents = NULL and must be closed. `map` may be closed. */
 static inline int fieldmap_at(const fieldmap *map, const double *currents, fieldmap *fixed)
 {
     size_t size, places, n, sets, reaction;

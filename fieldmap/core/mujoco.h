@@ -1,7 +1,7 @@
 /* mujoco.h: magnets in MuJoCo, for its callback of passive forces.
  *
- * MuJoCo's headers are not needed: where its data keeps arrays, and its function that applies a force, are told by who
- * makes a task. Nothing of a task is written but the model and the first fault, so several threads may step at a time.
+ * MuJoCo's headers are not needed: a task holds the offsets of arrays in MuJoCo's data, and the address of its function that
+ * applies a force. Only the model and the first fault of a task are written, so several threads may step at a time.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -16,18 +16,17 @@
 typedef void fieldmap_mujoco_apply(
     const void *model, void *data, const double *force, const double *torque, const double *point, int body, double *target);
 
-/* A magnet on body number `number` of MuJoCo. freedom: the body's first degree of freedom where a free joint is all that it
- * hangs on, else -1. */
+/* A magnet on body number `number` of MuJoCo. freedom: first degree of freedom if the only joint is a free joint, else -1. */
 typedef struct fieldmap_mujoco_magnet {
     const fieldmap_magnetic_body *body;
     int number, freedom;
 } fieldmap_mujoco_magnet;
 
-/* model: MuJoCo's, or NULL: the next call says it, and does nothing else. xpos, xmat, passive: where in MuJoCo's data the
- * pointers to xpos, xmat and qfrc_passive lie, in bytes. field: which keeps nothing (places NULL); its weights may be changed
- * between steps. origin: of the map in the world, m. mutual: whether magnets act on each other. points: of all. status:
- * FIELDMAP_OK, or that of the first point at which the field was not known; then no forces are added any more, at_fault says
- * which magnet it was, and place[3] the point in the map. */
+/* model: MuJoCo's model, or NULL; the next call then sets it, and does nothing else. xpos, xmat, passive: offsets of the
+ * pointers to xpos, xmat and qfrc_passive in MuJoCo's data, bytes. field: keeps no sums (places NULL); its weights may be
+ * changed between steps. origin: of the map in the world, m. mutual: whether magnets act on each other. points: of all magnets.
+ * status: FIELDMAP_OK, or the status of the first fault. After a fault no forces are added; at_fault is the number of the
+ * magnet, and place[3] its point in the map. */
 typedef struct fieldmap_mujoco_task {
     const void *model;
     fieldmap_mujoco_apply *apply;
@@ -40,7 +39,7 @@ typedef struct fieldmap_mujoco_task {
     double place[3];
 } fieldmap_mujoco_task;
 
-/* The array to which a pointer in MuJoCo's data leads. */
+/* The array of a pointer at an offset in MuJoCo's data. */
 static inline double *fieldmap_mujoco_array(const void *data, size_t offset)
 {
     double *array;
@@ -48,7 +47,7 @@ static inline double *fieldmap_mujoco_array(const void *data, size_t offset)
     return array;
 }
 
-/* How many bytes the callback needs. */
+/* Bytes of room that the callback needs. */
 static inline size_t fieldmap_mujoco_room(const fieldmap_mujoco_task *task)
 {
     const size_t points = task->mutual ? (size_t)task->points : 0, count = (size_t)task->count;
@@ -56,7 +55,7 @@ static inline size_t fieldmap_mujoco_room(const fieldmap_mujoco_task *task)
         + fieldmap_looked_room(task->field.map, (int)points) * sizeof(double);
 }
 
-/* wrench[6 * count] on all magnets at these poses; a status, and which magnet and point of the map are at fault. */
+/* Fill wrench[6 * count] on all magnets at given poses. Returns a status; fills magnet and point of a fault. */
 static inline int fieldmap_mujoco_wrenches(
     const fieldmap_mujoco_task *task, fieldmap_placed *placed, double *wrench, int *at_fault, double *at)
 {
@@ -76,7 +75,7 @@ static inline int fieldmap_mujoco_wrenches(
     return status;
 }
 
-/* Add the load of every magnet to the passive forces of MuJoCo's data. room: of fieldmap_mujoco_room, of this thread. */
+/* Add the load of every magnet to the passive forces of MuJoCo's data. room: fieldmap_mujoco_room() bytes of this thread. */
 static inline void fieldmap_mujoco_add_forces(fieldmap_mujoco_task *task, const void *model, void *data, void *room)
 {
     fieldmap_placed *placed = (fieldmap_placed *)room;
@@ -108,7 +107,7 @@ static inline void fieldmap_mujoco_add_forces(fieldmap_mujoco_task *task, const 
         if (magnet->freedom < 0) {
             task->apply(model, data, wrench, wrench + 3, xpos + 3 * magnet->number, magnet->number, passive);
         } else {
-            /* What mj_applyFT would do: force in the world, torque in the body. */
+            /* The same as mj_applyFT: force in the world, torque in the body. */
             double torque[3];
             fieldmap_to_body(placed[n].turn, wrench + 3, torque);
             fieldmap_add(wrench, passive + magnet->freedom);

@@ -1,4 +1,4 @@
-"""Magnets in MuJoCo: what its callback for passive forces does, fieldmap/core/mujoco.h."""
+"""Magnets in MuJoCo, through its callback for passive forces: fieldmap/core/mujoco.h."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from fieldmap.typing import Array
 
 
 class Layout(NamedTuple):
-    """apply: address of MuJoCo's mj_applyFT; xpos, xmat, passive: where in its data the pointers to xpos, xmat and
-    qfrc_passive lie, bytes."""
+    """apply: address of MuJoCo's mj_applyFT; xpos, xmat, passive: offsets of the pointers to xpos, xmat and
+    qfrc_passive in its data, bytes."""
 
     apply: int
     xpos: int
@@ -22,8 +22,7 @@ class Layout(NamedTuple):
 
 
 class Magnet(NamedTuple):
-    """number: of the body in MuJoCo; freedom: its first degree of freedom where a free joint is all that it hangs on,
-    else -1."""
+    """number: of the body in MuJoCo; freedom: first degree of freedom if its only joint is a free joint, else -1."""
 
     body: CoreBody
     number: int
@@ -33,8 +32,8 @@ class Magnet(NamedTuple):
 class Task:
     """The loads of magnets in the sum of a map's fields, which the callback adds to the passive forces of one model.
 
-    weights: of the fields, read where they lie whenever MuJoCo calls; origin (3,), m: of the map in the world; mutual:
-    whether magnets and soft iron act on those of other bodies, also by the iron that they magnetise.
+    weights: of the fields; each call of MuJoCo reads the present values; origin (3,), m: of the map in the world;
+    mutual: whether the magnets and soft iron of different bodies act on each other, also through the iron of the map.
     """
 
     def __init__(
@@ -51,21 +50,21 @@ class Task:
         self._before: Any = None
 
     def enter(self) -> None:
-        """From now on the callback adds these loads. Its next call says which model they are for, and adds none."""
+        """Let the callback add these loads from now on. Its next call only sets the model."""
         LIBRARY.mujoco_begin(self._task)
         self._before = LIBRARY.mujoco_activate(self._task)
 
     def leave(self) -> None:
-        """Back to the task of before."""
+        """Restore the task that was active before."""
         LIBRARY.mujoco_activate(self._before)
         self._before = None
 
     def fault(self) -> tuple[int, int, Array] | None:
-        """A status, the number of the first magnet at fault, and where in the map (3,), m: that it left, or, by
-        `UNSETTLED`, that its soft iron overlaps another. Nothing feels a force since."""
+        """Return the status of the first fault, the number of the magnet, and the point in the map (3,), m. The
+        magnet left the map, or, with `UNSETTLED`, soft iron of bodies overlaps. No forces were added since."""
         return LIBRARY.mujoco_fault(self._task)
 
 
 def callback() -> int:
-    """The address of what MuJoCo calls: void (const mjModel *, mjData *)."""
+    """Return the address of the callback: void (const mjModel *, mjData *)."""
     return int(LIBRARY.mujoco_callback())

@@ -1,6 +1,6 @@
-/* path.h: a map's field at points that move little from one question to the next.
+/* path.h: a map's field at points that move little from call to call.
  *
- * What a point needs is summed over the sets of the map once, and kept while neither its cell nor the weights change.
+ * The coefficients of a point's cell are summed over the sets of the map once, and kept until its cell or the weights change.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -9,8 +9,9 @@
 
 #include "map.h"
 
-/* weights: one for each set of the map, which may be changed; fieldmap_path_forget() must follow. places: of each point,
- * the cell whose sums lie in its row of `rows`, row numbers long, or -1. NULL for `places`: nothing is kept. */
+/* weights: one for each set of the map; call fieldmap_path_forget() after a change. rows: sums of each point,
+ * fieldmap_path_row() numbers; places: cell of these sums for each point, or -1 for none. If places is NULL, nothing is
+ * kept. */
 typedef struct fieldmap_path {
     const fieldmap *map;
     const fm_real *weights;
@@ -19,13 +20,13 @@ typedef struct fieldmap_path {
     fm_real *rows;
 } fieldmap_path;
 
-/* How many numbers a point keeps. */
+/* Numbers that are kept for a point. */
 static inline int fieldmap_path_row(const fieldmap *map)
 {
     return map->kind == FIELDMAP_HERMITE ? 8 * FIELDMAP_NODE : map->size;
 }
 
-/* The weights have changed. */
+/* Drop all sums, after a change of the weights. */
 static inline void fieldmap_path_forget(const fieldmap_path *path)
 {
     int p;

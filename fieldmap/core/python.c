@@ -1,8 +1,8 @@
 /* python.c: the run time as a module of Python, fieldmap.core.library.
  *
- * Arrays are float64, in C order and aligned; others, and sizes that do not fit, raise TypeError. Functions of a single
- * point answer None instead, also for points outside: their callers then ask on another way, which says what is wrong.
- * Functions of many points give back the interpreter's lock.
+ * Arrays are float64, in C order and aligned; any other array, and wrong sizes, raise TypeError. Functions of a single point
+ * return None instead, also for points outside; their callers then call a function that explains the error. Functions of many
+ * points release the interpreter's lock.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -24,21 +24,21 @@
 #include <cpuid.h>
 #endif
 
-/* level(): the highest of the levels of x86-64 that this processor and the system run and that the core is compiled for:
- * 4 has AVX-512, 3 has AVX2 and FMA; else 2. Bits as in Intel's manual, CPUID and XCR0: zig lacks __builtin_cpu_supports. */
+/* level(): the highest level of x86-64 that the processor and the system support: 4 with AVX-512, 3 with AVX2 and FMA, else 2.
+ * The bits are those of CPUID and XCR0 in Intel's manual, because zig lacks __builtin_cpu_supports. */
 static PyObject *level(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     long found = 2;
     (void)self, (void)args, (void)given;
 #if defined(__x86_64__) && defined(__GNUC__)
     {
-        /* FMA, AVX and that the system saves registers; AVX2, BMI1 and BMI2; AVX-512 F, DQ, CD, BW and VL. */
+        /* Bits of FMA, OSXSAVE and AVX; of AVX2, BMI1 and BMI2; of AVX-512 F, DQ, CD, BW and VL. */
         const unsigned first = 1u << 12 | 1u << 27 | 1u << 28, second = 1u << 3 | 1u << 5 | 1u << 8;
         const unsigned third = 1u << 16 | 1u << 17 | 1u << 28 | 1u << 30 | 1u << 31;
         unsigned a, b, c, d, saved = 0;
         if (__get_cpuid(1, &a, &b, &c, &d) && (c & first) == first && __get_cpuid_count(7, 0, &a, &b, &c, &d)
             && (b & second) == second) {
-            /* Registers of 256 bits, then of 512, are saved. */
+            /* The system saves registers of 256 bits (0x06), and of 512 bits (0xe6). */
             __asm__("xgetbv" : "=a"(saved) : "c"(0) : "edx");
             if ((saved & 0x06u) == 0x06u) found = 3;
             if (found == 3 && (b & third) == third && (saved & 0xe6u) == 0xe6u) found = 4;
@@ -58,7 +58,7 @@ static PyMethodDef functions[] = {
 
 #define CONSTANT(name) {#name, FIELDMAP_##name}
 
-/* Numbers that the core's enumerations give to names. */
+/* Names and values of the core's enumerations. */
 static const struct {
     const char *name;
     long value;

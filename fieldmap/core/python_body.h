@@ -44,8 +44,8 @@ static void read_body(reader *from, void *out)
     body->dipoles = (const fieldmap_dipole *)dipoles.at, body->soft = soft;
 }
 
-/* magnetic_body(dipoles (q, 6), pieces): point and moment of each dipole; a sequence of pieces of soft iron, each with
- * centre, axes, factors, volume (over mu0), reluctance and law as fieldmap_soft has them. */
+/* magnetic_body(dipoles (q, 6), pieces): point and moment of each dipole; a sequence of pieces of soft iron, each with the
+ * attributes centre, axes, factors, volume, reluctance and law of fieldmap_soft. */
 static PyObject *magnetic_body(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = kept_arguments(args, given, 2);
@@ -53,7 +53,7 @@ static PyObject *magnetic_body(PyObject *self, PyObject *const *args, Py_ssize_t
     return held(&from, BODY, sizeof(fieldmap_magnetic_body), read_body);
 }
 
-/* placed[count] of the bodies, tuple `bodies`, with memory of the reader. */
+/* placed[count] from a tuple `bodies`, in memory of the reader. */
 static fieldmap_placed *placed_of(reader *from, int *count)
 {
     PyObject *bodies = value_of(from, "bodies");
@@ -68,7 +68,7 @@ static fieldmap_placed *placed_of(reader *from, int *count)
 }
 
 /* bodies_wrench_slopes(bodies, places (n, 3), turns (n, 3, 3), weights, flux, gradient, repelled, reaction flux, reaction
- * gradient, wrench (n, 6), slopes (n, 6, k)): whether the moments of soft iron came to an end. */
+ * gradient, wrench (n, 6), slopes (n, 6, k)): whether the moments of soft iron converged. */
 static PyObject *bodies_wrench_slopes(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 11);
@@ -105,8 +105,8 @@ static PyObject *bodies_wrench_slopes(PyObject *self, PyObject *const *args, Py_
 }
 
 /* body_at_poses(body, turns (n, 3, 3), flux (n, q, 3), gradient, repelled, reaction flux (n, q, k, 3), reaction gradient,
- * wrench (n, 6), energies (n,), moments (n, q, 3), slopes (n, s, 3, 3)): a body alone at n poses; slopes, of its soft pieces,
- * may be None. Whether all moments of soft iron came to an end. */
+ * wrench (n, 6), energies (n,), moments (n, q, 3), slopes (n, s, 3, 3)): one body at n poses; slopes, of its pieces of soft
+ * iron, may be None. Returns whether all moments of soft iron converged. */
 static PyObject *body_at_poses(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     static const double one = 1.0;

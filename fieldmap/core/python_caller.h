@@ -1,8 +1,7 @@
-/* python_caller.h: callers with an address alone, for Python: see fieldmap.core.caller.
+/* python_caller.h: callers that hold only an address, for Python: see fieldmap.core.caller.
  *
- * Code that numba compiles knows a caller by four words: its address, a mark of this process, how many currents it takes,
- * and how many numbers a wrench works with. Words of another process, as code kept in files or a pickle may have them, give
- * NaN.
+ * Code that numba compiles holds a caller as four words: its address, a mark of this process, the number of currents, and the
+ * length of `numbers` in call_wrench. Words of another process, for example from cached code or a pickle, give NaN.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -27,7 +26,7 @@ typedef struct held_caller {
     int64_t words[CALLER_WORDS];
 } held_caller;
 
-/* Of this process, and of no other. */
+/* Mark of this process. */
 static int64_t caller_mark = 0;
 
 static void mark_process(void)
@@ -40,16 +39,16 @@ static const fieldmap_caller *caller_of(const int64_t *words)
     return words[CALLER_MARK] == caller_mark ? (const fieldmap_caller *)(uintptr_t)words[CALLER_ADDRESS] : NULL;
 }
 
-/* Room for field and gradient of the last call of this thread: memory of every call would cost a third of an answer. A
- * function of its own that is never inlined: on processors with AVX-512 clang 20 keeps numbers in vector registers while
- * it asks for the address of a thread's variable, although the first such question of a thread may overwrite them. */
+/* Room for field and gradient of the last call in this thread; an allocation in every call would add a third to its time. The
+ * function is never inlined: on processors with AVX-512 clang 20 keeps numbers in vector registers while it looks up the
+ * address of a thread-local variable, although the first look-up in a thread may overwrite these registers. */
 __attribute__((noinline)) static double *room_of_thread(void)
 {
     static __thread double twelve[12];
     return twelve;
 }
 
-/* The twelve numbers of field and gradient at a point for currents, until the next call of this thread. */
+/* The twelve numbers of field and gradient at a point for currents, valid until the next call in this thread. */
 static double *call_field_of(const int64_t *words, const double *currents, double x, double y, double z)
 {
     const fieldmap_caller *of = caller_of(words);
@@ -60,7 +59,7 @@ static double *call_field_of(const int64_t *words, const double *currents, doubl
     return twelve;
 }
 
-/* The same of a map at fixed currents. In one piece, for the sake of loops that do little else. */
+/* The same for a map at fixed currents. All calls in it are inlined, for loops that do little else. */
 __attribute__((flatten)) static double *call_field(const int64_t *words, double x, double y, double z)
 {
     const fieldmap_caller *of = caller_of(words);
@@ -71,7 +70,7 @@ __attribute__((flatten)) static double *call_field(const int64_t *words, double 
     return twelve;
 }
 
-/* The status of a wrench. numbers: currents, place and rotation, behind them room for wrench and slopes, and for the work. */
+/* Returns the status of a wrench. numbers: currents, place and rotation, then room for wrench, slopes and work space. */
 static int call_wrench(const int64_t *words, double *numbers)
 {
     const fieldmap_caller *of = caller_of(words);
@@ -82,8 +81,7 @@ static int call_wrench(const int64_t *words, double *numbers)
     return FIELDMAP_ARGUMENT;
 }
 
-/* The status of linkages. numbers: currents, place and rotation, behind them room for linkages and inductances, and for the
- * work. */
+/* Returns the status of linkages. numbers: currents, place and rotation, then room for linkages, inductances and work space. */
 static int call_linkages(const int64_t *words, double *numbers)
 {
     const fieldmap_caller *of = caller_of(words);
@@ -131,7 +129,8 @@ static void read_caller(reader *from, void *out)
         18 + (7 + whole->words[CALLER_COILS]) * whole->words[CALLER_COILS] + (int64_t)fieldmap_caller_room(of);
 }
 
-/* caller(map, iron state or table or None, body or None, linkage or None): its words (4,), an array that keeps all of it alive. */
+/* caller(map, iron state or table or None, body or None, linkage or None): words (4,), an array that keeps the arguments
+ * alive. */
 static PyObject *caller(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     const npy_intp count = CALLER_WORDS;
@@ -141,7 +140,7 @@ static PyObject *caller(PyObject *self, PyObject *const *args, Py_ssize_t given)
     if (capsule == NULL) return NULL;
     array = PyArray_SimpleNewFromData(
         1, &count, NPY_INT64, ((held_caller *)PyCapsule_GetPointer(capsule, CALLER))->words);
-    /* The array takes the capsule over, also where that fails. */
+    /* PyArray_SetBaseObject takes over the capsule, even if it fails. */
     if (array == NULL || PyArray_SetBaseObject((PyArrayObject *)array, capsule) != 0) {
         if (array == NULL) Py_DECREF(capsule);
         Py_XDECREF(array);

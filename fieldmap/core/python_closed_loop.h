@@ -1,4 +1,4 @@
-/* python_closed_loop.h: closed loops and the search of signals, for Python: see fieldmap.core.closed_loop.
+/* python_closed_loop.h: closed loops and inverse maps, for Python: see fieldmap.core.closed_loop.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -20,7 +20,7 @@ static void read_allocation(reader given, fieldmap_allocation *out, int coils)
             "the allocation has other coils than the machine");
 }
 
-/* An inverse map in the machine of its own, but for its allocation. */
+/* Read an inverse map, except its allocation. */
 static void read_inverse(reader given, fieldmap_inverse_map *out)
 {
     double limits[6] = {0.0};
@@ -32,8 +32,7 @@ static void read_inverse(reader given, fieldmap_inverse_map *out)
     out->believed = state_of(&given, "believed");
 }
 
-/* inverse_along(inverse, allocation, positions, forces, found, left): the signals (p, 3) at which the magnets of a body at
- * positions (p, 3) feel forces (p, 3), and what is left of these (p,); each search begins where the last ended. */
+/* inverse_along(inverse, allocation, positions, forces, found, left): see fieldmap.core.machine. */
 static PyObject *inverse_along(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 6);
@@ -71,7 +70,7 @@ static void read_timing(reader given, fieldmap_loop *out)
     if (out->every < 1) out->every = 1;
 }
 
-/* Field sensors, or None. curve: where the calibration curve is kept. */
+/* Field sensors, or None. curve: memory for the calibration curve. */
 static void read_field_sensing(reader *from, fieldmap_loop *out, fieldmap_calibration_curve *curve)
 {
     fieldmap_field_sensing *sensing = &out->field_sensing;
@@ -110,7 +109,7 @@ static void read_sensing(reader given, fieldmap_loop *loop, fieldmap_calibration
     read_field_sensing(&given, loop, curve);
 }
 
-/* The control law: address of a function, 0 for none, -1 for outputs that are given; controller, allocation, inverse. */
+/* The control law: address of a function, 0 for none, -1 if the caller gives the outputs; controller, allocation, inverse. */
 static void read_law(reader given, fieldmap_loop *out, fieldmap_inverse_map *inverse)
 {
     PyObject *address = value_of(&given, "address"), *search = value_of(&given, "inverse");
@@ -147,7 +146,7 @@ static void read_signals(reader given, fieldmap_loop *out, npy_intp coils, npy_i
     out->field_sensing.noise = numbers_of(&given, "field_noise", 2, sensors == 0 ? 0 : (2 * sensors + coils) * samples).at;
 }
 
-/* What moves, and the room of a run. */
+/* State, currents and memory that a run advances, and its room. */
 static void read_room(reader *given, fieldmap_loop *out, npy_intp coils, npy_intp outputs)
 {
     const number_array memory = filled_numbers(given, "memory", 1, ANY), rows = filled_numbers(given, "rows", 2, ANY);
@@ -188,7 +187,7 @@ static void read_loop(reader given, fieldmap_loop *out, fieldmap_inverse_map *in
     read_room(&given, out, coils, outputs);
 }
 
-/* Begin a run, or go on with it, by one of the two functions of closed_loop.h: an event. */
+/* Call one of the two functions of closed_loop.h on a run; returns an event. */
 static PyObject *with_loop(PyObject *const *args, Py_ssize_t given, int (*function)(fieldmap_loop *))
 {
     reader from = arguments(args, given, 1);

@@ -10,7 +10,7 @@
 
 static const char *const CONTROLLER = "fieldmap.core.controller";
 
-/* hold (states,): whole numbers, each the number of an output or -1. */
+/* hold (states,): integers, each the index of an output or -1. */
 static void read_hold(reader *from, fieldmap_controller *out)
 {
     int i;
@@ -70,7 +70,7 @@ static PyObject *quiet_feedforward(PyObject *self, PyObject *const *args, Py_ssi
 }
 
 /* control(controller, signals (p, 7), feedforward (p, m) or None, memory (n,), outputs (p, m), memories (p, n) or None): sample
- * by sample; at how many of them a limit held an output back. memories: the memory after each. */
+ * by sample; the number of samples at which a limit was active. memories: the memory after each sample. */
 static PyObject *control(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 6);

@@ -33,7 +33,7 @@ static void read_calibration_curve(reader given, fieldmap_calibration_curve *out
     out->slopes = numbers_of(&given, "slopes", 1, readings.size).at;
 }
 
-/* machine_readings(machine, sensors, state, out): fill out (s,) at a state, in the field as it is; the status of the map. */
+/* machine_readings(machine, sensors, state, out): fill out (s,) at a state in the present field; the status of the map. */
 static PyObject *machine_readings(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 4);

@@ -10,7 +10,7 @@
 #include "instruments.h"
 #include "python_reader.h"
 
-/* The structures hold numbers only: in Python they are arrays of them. */
+/* The structures hold only numbers; in Python they are arrays. */
 enum {
     CHAIN_NUMBERS = sizeof(fieldmap_chain) / sizeof(double),
     DRIVE_NUMBERS = sizeof(fieldmap_drive) / sizeof(double)
@@ -54,7 +54,7 @@ static PyObject *drive_all(PyObject *self, PyObject *const *args, Py_ssize_t giv
     Py_RETURN_NONE;
 }
 
-/* held_scans(scans (n,), averages, latency, ratio, out): sample m is taken when m * ratio times of a scan have passed. */
+/* held_scans(scans (n,), averages, latency, ratio, out): sample m is taken m * ratio scan times after the start. */
 static PyObject *held_scans(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 5);

@@ -11,7 +11,7 @@
 #include "python_reader.h"
 
 static const char *const IRON = "fieldmap.core.iron";
-/* What the solves of one thread remember. */
+/* The state of the solves of one thread. */
 static const char *const STATE = "fieldmap.core.iron_state";
 
 static void read_iron(reader *from, void *out)
@@ -68,7 +68,8 @@ static PyObject *iron_solve(PyObject *self, PyObject *const *args, Py_ssize_t gi
     return PyLong_FromLong(status);
 }
 
-/* iron_linkages(state, currents, tolerance, fresh, linkages, inductance): the status; inductance may be None. Times mu0. */
+/* iron_linkages(state, currents, tolerance, fresh, linkages, inductance): the status; results times mu0; inductance may be
+ * None. */
 static PyObject *iron_linkages(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 6);
@@ -78,7 +79,7 @@ static PyObject *iron_linkages(PyObject *self, PyObject *const *args, Py_ssize_t
     const int fresh = truth_of(&from, "fresh");
     double *linkages = filled_of(&from, "linkages", coils);
     double *inductance = filled_or_none(&from, "inductance", (npy_intp)coils * coils);
-    /* Only slopes need room, for the weights and theirs. */
+    /* Only slopes need room, for the weights and their derivatives. */
     const size_t room = inductance == NULL ? 1 : (size_t)(fields * (1 + coils));
     double *weights = (double *)memory_of(&from, room * sizeof(double));
     int k, status;
@@ -98,7 +99,7 @@ static PyObject *iron_linkages(PyObject *self, PyObject *const *args, Py_ssize_t
     return answer(&from, PyLong_FromLong(status));
 }
 
-/* iron_step(state, currents, tolerance, weights): the status; the cells remember the state at its end. */
+/* iron_step(state, currents, tolerance, weights): the status; the cells then remember the new state. */
 static PyObject *iron_step(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 4);
@@ -132,7 +133,7 @@ static PyObject *iron_remembered(PyObject *self, PyObject *const *args, Py_ssize
     return numbers;
 }
 
-/* iron_recall(state, numbers): the state goes on from these numbers of `iron_remembered`. */
+/* iron_recall(state, numbers): restore a memory of `iron_remembered`. */
 static PyObject *iron_recall(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 2);
@@ -145,8 +146,7 @@ static PyObject *iron_recall(PyObject *self, PyObject *const *args, Py_ssize_t g
     Py_RETURN_NONE;
 }
 
-/* iron_solve_in(state, applied, amplitudes, tolerance): the status; amplitudes (r,) are those to begin with, and then those
- * found. */
+/* iron_solve_in(state, applied, amplitudes, tolerance): the status; amplitudes (r,) hold the first guess, then the result. */
 static PyObject *iron_solve_in(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 4);
@@ -163,7 +163,7 @@ static PyObject *iron_solve_in(PyObject *self, PyObject *const *args, Py_ssize_t
     return PyLong_FromLong(status);
 }
 
-/* iron_amplitudes(state): those of the last state (r,), what the solve left of it, and its steps. */
+/* iron_amplitudes(state): amplitudes (r,) of the last state, the error of its solve, and the number of steps. */
 static PyObject *iron_amplitudes(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 1);
@@ -178,7 +178,7 @@ static PyObject *iron_amplitudes(PyObject *self, PyObject *const *args, Py_ssize
     return Py_BuildValue("(Ndi)", amplitudes, state->left_over, state->steps);
 }
 
-/* iron_continued(aim, passed, amplitudes): those with which a solve begins behind n states. */
+/* iron_continued(aim, passed, amplitudes): amplitudes from which a solve begins after n states. */
 static PyObject *iron_continued(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 3);
@@ -204,8 +204,8 @@ static PyObject *iron_continued(PyObject *self, PyObject *const *args, Py_ssize_
     return answer(&from, found);
 }
 
-/* cells_respond(begin, end, of, h, before, polarisation, after, susceptibility): rows begin..end of the last three; of, a
- * PlayCells of fieldmap.core.play_cells, says what the arrays are. */
+/* cells_respond(begin, end, of, h, before, polarisation, after, susceptibility): fill rows begin..end of the last three; of: a
+ * PlayCells of fieldmap.core.play_cells. */
 static PyObject *cells_respond(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 8);

@@ -35,7 +35,7 @@ static PyObject *least_power(PyObject *self, PyObject *const *args, Py_ssize_t g
     return answer(&from, PyLong_FromLong(status));
 }
 
-/* non_negative_least_squares(columns, target, u): whether it came to an end. columns (n, size), each of length 1. */
+/* non_negative_least_squares(columns, target, u): whether the method ended. columns (n, size), each of length 1. */
 static PyObject *non_negative_least_squares(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 3);

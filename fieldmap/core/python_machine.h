@@ -13,7 +13,7 @@
 
 static const char *const MACHINE = "fieldmap.core.machine";
 
-/* A rigid body from the attributes that have the names of fieldmap_rigid_body. */
+/* Read a rigid body from attributes with the names of fieldmap_rigid_body. */
 static void read_rigid_body(reader given, fieldmap_rigid_body *out)
 {
     const fieldmap_magnetic_body *magnetic = (const fieldmap_magnetic_body *)held_of(&given, "magnetic", BODY);
@@ -34,7 +34,7 @@ static void read_rigid_body(reader given, fieldmap_rigid_body *out)
     for (k = 0; k < 15; k++) out->lossy |= drag[k] != 0.0;
 }
 
-/* How the field follows the currents: scale, iron, tolerance of its solves, whether it is on a path, and table. */
+/* Read scale, iron, tolerance of its solves, on_path and table, by which the field follows the currents. */
 static void read_superposition(reader *given, fieldmap_superposition *out)
 {
     fieldmap_iron_state *iron = (fieldmap_iron_state *)held_or_none(given, "iron", STATE);
@@ -42,13 +42,13 @@ static void read_superposition(reader *given, fieldmap_superposition *out)
     const double tolerance = real_of(given, "tolerance");
     out->scale = real_of(given, "scale"), out->iron = iron, out->table = table;
     out->on_path = (int)whole_of(given, "on_path");
-    /* Currents beyond the domain are solved, too. */
+    /* Solves at currents outside the domain are allowed. */
     if (iron != NULL) iron->tolerance = tolerance, iron->checked = 0;
     require((iron == NULL || iron->map->n_fields == out->n_fields) && (table == NULL || table->fields + 6 == out->n_fields),
             PyExc_ValueError, "the iron has other fields than the map");
 }
 
-/* The memory of a machine that is read but for that. */
+/* Allocate the memory of a machine after all else is read. */
 static void give_memory(reader *from, fieldmap_machine *machine)
 {
     const int points = fieldmap_body_points(&machine->body.magnetic), sets = fieldmap_sets(machine->field.map);
@@ -65,8 +65,8 @@ static void give_memory(reader *from, fieldmap_machine *machine)
     fieldmap_path_forget(&machine->field);
 }
 
-/* The coils of a machine that is read but for them: None, or an object with coils (n, 15), inductance (n, n), constant (n,)
- * and largest. */
+/* Read the coupled coils of a machine last: None, or an object with coils (n, 15), inductance (n, n), constant (n,),
+ * largest. */
 static void read_electrical(reader *from, PyObject *given, fieldmap_machine *machine)
 {
     const int n = machine->n_coils, points = machine->body.magnetic.n_dipoles;
@@ -134,7 +134,7 @@ static fieldmap_state *state_of(reader *from, const char *name)
     return (fieldmap_state *)filled_of(from, name, FIELDMAP_STATE);
 }
 
-/* machine_follow(machine, currents): the field becomes that of these currents; whether they lie where that is known. */
+/* machine_follow(machine, currents): see fieldmap.core.machine. */
 static PyObject *machine_follow(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 2);
@@ -144,7 +144,7 @@ static PyObject *machine_follow(PyObject *self, PyObject *const *args, Py_ssize_
     return PyErr_Occurred() ? NULL : PyBool_FromLong(fieldmap_machine_follow(machine, currents));
 }
 
-/* machine_weights(machine): of the fields, as they are. */
+/* machine_weights(machine): present weights of the fields. */
 static PyObject *machine_weights(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 1);
@@ -158,7 +158,7 @@ static PyObject *machine_weights(PyObject *self, PyObject *const *args, Py_ssize
     return weights;
 }
 
-/* machine_solves(machine): solves of the iron's model, their Newton steps, those not converged, those beyond the domain. */
+/* machine_solves(machine): the counters of fieldmap.core.machine.Solves. */
 static PyObject *machine_solves(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 1);
@@ -170,7 +170,7 @@ static PyObject *machine_solves(PyObject *self, PyObject *const *args, Py_ssize_
                          (long long)of->outside);
 }
 
-/* machine_load(machine, state, load): fill load (6,); (status of the map, what is touched). */
+/* machine_load(machine, state, load): fill load (6,); (status of the map, contact flags). */
 static PyObject *machine_load(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 3);
@@ -184,7 +184,7 @@ static PyObject *machine_load(PyObject *self, PyObject *const *args, Py_ssize_t 
     return Py_BuildValue("(ii)", status, touched);
 }
 
-/* machine_energy(machine, state): of magnets and soft iron in the field, J, or None where that is not known. */
+/* machine_energy(machine, state): energy of magnets and soft iron in the field, J, or None where the field is unknown. */
 static PyObject *machine_energy(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 2);
@@ -224,7 +224,7 @@ static PyObject *machine_losses(PyObject *self, PyObject *const *args, Py_ssize_
     return Py_BuildValue("((ddd)(ddd))", force[0], force[1], force[2], torque[0], torque[1], torque[2]);
 }
 
-/* machine_move(machine, state, step, every, order, states): (rows filled, status of the map, what was touched). */
+/* machine_move(machine, state, step, every, order, states): (rows filled, status of the map, contact flags). */
 static PyObject *machine_move(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 6);
@@ -245,8 +245,8 @@ static PyObject *machine_move(PyObject *self, PyObject *const *args, Py_ssize_t 
     return Py_BuildValue("(lii)", filled, status, touched);
 }
 
-/* machine_electrical(machine): state (k, n) of coupled coils, as fieldmap_electrical has it, and how many tangents and Newton
- * steps they took; None without. */
+/* machine_electrical(machine): state (k, n) of coupled coils, in the order of fieldmap_electrical, and numbers of tangents and
+ * Newton steps; None without coupled coils. */
 static PyObject *machine_electrical(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 1);
@@ -283,7 +283,7 @@ static PyObject *machine_advance(PyObject *self, PyObject *const *args, Py_ssize
     return PyLong_FromLong(status);
 }
 
-/* plate_force(plate (8,), place, moment, velocity, rate): force (3,) and what turns (3,): see losses.h. */
+/* plate_force(plate (8,), place, moment, velocity, rate): force (3,) and turning (3,): see losses.h. */
 static PyObject *plate_force(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 5);
@@ -319,7 +319,7 @@ static PyObject *rotation(PyObject *self, PyObject *const *args, Py_ssize_t give
     FUNCTION(machine_load), FUNCTION(machine_energy), FUNCTION(machine_rates), FUNCTION(machine_losses), \
     FUNCTION(machine_move), FUNCTION(machine_electrical), FUNCTION(machine_advance), FUNCTION(plate_force), FUNCTION(rotation)
 
-/* Where a member begins in the numbers of a state. */
+/* First index of a member in the numbers of a state. */
 #define PLACE(name, member) {#name, (long)(offsetof(fieldmap_state, member) / sizeof(double))}
 
 #define MACHINE_CONSTANTS \

@@ -54,7 +54,7 @@ static PyObject *map_of_block(PyObject *self, PyObject *const *args, Py_ssize_t 
     return held(&from, MAP, sizeof(fieldmap), read_map);
 }
 
-/* map_sets(map): how many sets of coefficients. */
+/* map_sets(map): number of sets of coefficients. */
 static PyObject *map_sets(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 1);
@@ -63,8 +63,8 @@ static PyObject *map_sets(PyObject *self, PyObject *const *args, Py_ssize_t give
     return map == NULL ? NULL : PyLong_FromLong(fieldmap_sets(map));
 }
 
-/* A map, points (n, 3) and weights (n or 1, n_coils), or None for a map of one set. step: from the weights of a point to
- * those of the next. */
+/* A map, points (n, 3) and weights (n or 1, n_coils), or None for a map of one set. step: distance from the weights of a point
+ * to those of the next. */
 typedef struct asked {
     const fieldmap *map;
     const double *points, *weights;
@@ -101,7 +101,7 @@ static PyObject *fields(PyObject *self, PyObject *const *args, Py_ssize_t given)
     return PyLong_FromSize_t(outside);
 }
 
-/* The same function at each of the points: how many lie outside. */
+/* Evaluate a function at each point. Returns the number of points outside. */
 static PyObject *at_points(
     PyObject *const *args, Py_ssize_t given, int size, int (*function)(const fieldmap *, const double *, const double *, double *))
 {
@@ -176,14 +176,14 @@ static PyObject *sum_sets(PyObject *self, PyObject *const *args, Py_ssize_t give
     Py_RETURN_NONE;
 }
 
-/* The numbers of a vector, or NULL: without an error, for the functions of a single point. */
+/* The numbers of a vector, or NULL without an error, for the functions of a single point. */
 static const double *vector_at(PyObject *value, npy_intp size)
 {
     return is_array(value, 1) && PyArray_SIZE((PyArrayObject *)value) == size ? (double *)PyArray_DATA((PyArrayObject *)value)
                                                                               : NULL;
 }
 
-/* Weights of a single point; None for a map of one set. fit: whether they fit. */
+/* Weights of a single point; None for a map of one set. fit: whether their number is right. */
 static const double *weights_at_point(const fieldmap *map, PyObject *given, int *fit)
 {
     const double *weights = given == Py_None ? NULL : vector_at(given, map->n_coils);
@@ -256,7 +256,7 @@ static PyObject *harmonics(PyObject *self, PyObject *const *args, Py_ssize_t giv
     return table;
 }
 
-/* derivative_matrix(degree, axis): (degree^2, (degree + 1)^2), from coefficients to those of the derivative. */
+/* derivative_matrix(degree, axis): (degree^2, (degree + 1)^2), matrix from coefficients to coefficients of the derivative. */
 static PyObject *derivative_matrix(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 2);

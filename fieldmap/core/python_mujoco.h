@@ -13,11 +13,11 @@
 
 static const char *const MUJOCO = "fieldmap.core.mujoco";
 
-/* The task on which the callback works, and the capsule that holds it: MuJoCo has one callback for all. */
+/* The active task of the callback, and the capsule that holds it. MuJoCo has only one callback. */
 static fieldmap_mujoco_task *active_task = NULL;
 static PyObject *active_capsule = NULL;
 
-/* What MuJoCo calls: mjfGeneric mjcb_passive. Threads that step at a time have memory of their own. */
+/* The callback of MuJoCo: mjfGeneric mjcb_passive. Each thread that steps has its own memory. */
 static void add_passive_forces(const void *model, void *data)
 {
     double few[512];
@@ -45,7 +45,7 @@ static void read_magnets(reader *from, fieldmap_mujoco_task *task)
     task->magnets = read, task->count = (int)count;
 }
 
-/* Weights are read where they lie. */
+/* The array of the weights is used in place, not copied. */
 static void read_task(reader *from, void *out)
 {
     fieldmap_mujoco_task *task = (fieldmap_mujoco_task *)out;
@@ -69,7 +69,7 @@ static PyObject *mujoco_task(PyObject *self, PyObject *const *args, Py_ssize_t g
     return held(&from, MUJOCO, sizeof(fieldmap_mujoco_task), read_task);
 }
 
-/* mujoco_activate(task or None): the task of before, or None. */
+/* mujoco_activate(task or None): the task that was active before, or None. */
 static PyObject *mujoco_activate(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     PyObject *before = active_capsule;
@@ -84,7 +84,7 @@ static PyObject *mujoco_activate(PyObject *self, PyObject *const *args, Py_ssize
     Py_RETURN_NONE;
 }
 
-/* mujoco_begin(task): no fault yet, and the next call says which model it is. */
+/* mujoco_begin(task): clear the fault and the model; the next call sets the model. */
 static PyObject *mujoco_begin(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 1);
@@ -96,7 +96,7 @@ static PyObject *mujoco_begin(PyObject *self, PyObject *const *args, Py_ssize_t 
     Py_RETURN_NONE;
 }
 
-/* mujoco_fault(task): None, or the status of a fault, the number of the magnet that has it, and where in the map (3,). */
+/* mujoco_fault(task): None, or the status of a fault, the number of the magnet, and the point in the map (3,). */
 static PyObject *mujoco_fault(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 1);
@@ -112,7 +112,7 @@ static PyObject *mujoco_fault(PyObject *self, PyObject *const *args, Py_ssize_t 
     return Py_BuildValue("(iiN)", task->status, task->at_fault, place);
 }
 
-/* mujoco_callback(): the address of what MuJoCo calls. */
+/* mujoco_callback(): the address of the callback. */
 static PyObject *mujoco_callback(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     (void)self;

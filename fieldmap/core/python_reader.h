@@ -1,15 +1,15 @@
-/* python_reader.h: how the functions that Python calls read their arguments and return their answers.
+/* python_reader.h: reading of arguments and returning of results in the functions that Python calls.
  *
  * A reader takes the arguments of a call one after another, or the attributes of an object by their names. Arrays must be
- * float64, in C order and aligned; others, and wrong sizes, raise TypeError. After an error each further read returns 0 or
- * NULL and keeps the error: a function reads all its arguments, then checks for an error once.
+ * float64, in C order and aligned; any other array, and wrong sizes, raise TypeError. After an error each further read returns
+ * 0 or NULL and keeps the error: a function reads all its arguments, then checks for an error once.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
 #ifndef FIELDMAP_PYTHON_READER_H
 #define FIELDMAP_PYTHON_READER_H
 
-/* numpy's headers need it. */
+/* The headers of numpy need stdio.h. */
 #include <stdio.h>
 #include <string.h>
 
@@ -27,7 +27,7 @@ typedef struct reader {
     PyObject *object, *kept;
 } reader;
 
-/* The numbers of an array, its size and shape. at: NULL after an error, or for None where None is allowed. */
+/* The numbers of an array, its size and shape. at: NULL after an error, or for None if None is allowed. */
 typedef struct number_array {
     double *at;
     npy_intp size, shape[5];
@@ -55,7 +55,7 @@ static int keep(reader *from, PyObject *value)
     return from->kept != NULL && PyList_Append(from->kept, value) == 0;
 }
 
-/* As `arguments`, for a call whose answer keeps its arguments alive. */
+/* As `arguments`, for a call whose result keeps its arguments alive. */
 static reader kept_arguments(PyObject *const *args, Py_ssize_t given, Py_ssize_t wanted)
 {
     reader from = arguments(args, given, wanted);
@@ -80,7 +80,7 @@ static PyObject *value_of(reader *from, const char *name)
     return value;
 }
 
-/* A reader of an object's attributes (part_of: of an attribute's). `from` keeps alive what it reads. */
+/* A reader of an object's attributes (part_of: of an attribute's). `from` keeps the values alive. */
 static reader attributes_of(reader *from, PyObject *object)
 {
     reader part = {NULL, object, NULL};
@@ -132,7 +132,7 @@ static void *held_or_none(reader *from, const char *name, const char *kind)
     return value == NULL || value == Py_None ? NULL : PyCapsule_GetPointer(value, kind);
 }
 
-/* Whether this is a float64 array in C order of so many dimensions. */
+/* Whether a value is a float64 array in C order with this number of dimensions. */
 static int is_array(PyObject *value, int dimensions)
 {
     PyArrayObject *array = (PyArrayObject *)value;
@@ -222,7 +222,7 @@ static int64_t *filled_whole_of(reader *from, const char *name, npy_intp size)
     return (int64_t *)data_to_fill(value_of(from, name), name, NPY_INT64, size);
 }
 
-/* Zeroed memory that the reader keeps alive, aligned to a line of the cache. */
+/* Zeroed memory that the reader keeps alive, aligned to a cache line. */
 static void *memory_of(reader *from, size_t bytes)
 {
     PyObject *array = PyErr_Occurred() ? NULL : PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)(bytes + 64));
@@ -233,7 +233,7 @@ static void *memory_of(reader *from, size_t bytes)
     return memset(begin, 0, bytes);
 }
 
-/* Release what the reader keeps, and return the answer, or NULL if there is an error. */
+/* Release the objects that the reader keeps, and return the result, or NULL if there is an error. */
 static PyObject *answer(reader *from, PyObject *value)
 {
     Py_XDECREF(from->kept);
@@ -262,7 +262,7 @@ static void release(PyObject *capsule)
     Py_XDECREF((PyObject *)PyCapsule_GetContext(capsule));
 }
 
-/* A capsule of a structure that `read` fills; it keeps alive what the reader keeps. NULL if there is an error. */
+/* A capsule of a structure that `read` fills. It keeps the objects of the reader alive. NULL if there is an error. */
 static PyObject *held(reader *from, const char *kind, size_t size, void (*read)(reader *, void *))
 {
     void *structure = PyErr_Occurred() ? NULL : PyMem_Calloc(1, size);

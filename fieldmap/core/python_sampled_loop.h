@@ -9,7 +9,7 @@
 #include "python_instruments.h"
 #include "sampled_loop.h"
 
-/* A signal of (runs or 1, samples or 1) numbers: how far it is from run to run and from sample to sample. */
+/* A signal of (runs or 1, samples or 1) numbers, with its strides by run and by sample; 0 for a constant. */
 typedef struct loop_signal {
     const double *numbers;
     npy_intp by_run, by_sample;
@@ -65,7 +65,7 @@ static void read_loop_signals(reader given, asked_loop *of)
     read_loop_signal(&given, "disturbance", of, &of->disturbance);
 }
 
-/* A run from rest and from the given memory. work: numbers for a state, a memory and scratch. */
+/* A run from rest and from the given memory. work: room for a state, a memory and scratch. */
 static void run_loop(const asked_loop *of, npy_intp run, double *work)
 {
     double *x = work, *memory = x + of->plant.states, *scratch = memory + of->controller->states;

@@ -10,7 +10,7 @@
 
 static const char *const SEVERAL = "fieldmap.core.several_bodies";
 
-/* The memory of bodies that are read but for that. */
+/* Allocate the memory of bodies after all else is read. */
 static void give_memory_to_several(reader *from, fieldmap_several *of)
 {
     const fieldmap *map = of->machine->field.map;
@@ -93,7 +93,7 @@ static PyObject *several_wrench(PyObject *self, PyObject *const *args, Py_ssize_
     return Py_BuildValue("(id)", status, energy);
 }
 
-/* several_fault(several): the number of the body that was at fault, and where in the map (3,). */
+/* several_fault(several): the number of the body at fault, and the point in the map (3,). */
 static PyObject *several_fault(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 1);
@@ -108,7 +108,7 @@ static PyObject *several_fault(PyObject *self, PyObject *const *args, Py_ssize_t
     return Py_BuildValue("(iN)", of->all.sites[of->fault].owner, place);
 }
 
-/* several_move(several, states, step, every, order, rows (m, n, 13)): (rows filled, status, what was touched). */
+/* several_move(several, states, step, every, order, rows (m, n, 13)): (rows filled, status, contact flags). */
 static PyObject *several_move(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 6);

@@ -10,7 +10,7 @@
 
 static const char *const TABLE = "fieldmap.core.current_table";
 
-/* Three vectors of as many numbers as a table has nodes, and `more` each. */
+/* Read three vectors, each with the number of nodes of a table plus `more` numbers. */
 static void read_three(reader *from, const char *name, const int *sizes, int more, const double **out)
 {
     PyObject *three = value_of(from, name);
@@ -51,7 +51,7 @@ static PyObject *current_table(PyObject *self, PyObject *const *args, Py_ssize_t
     return held(&from, TABLE, sizeof(fieldmap_current_table), read_table);
 }
 
-/* table_weights(table, currents, weights): how good they are. */
+/* table_weights(table, currents, weights): their status. */
 static PyObject *table_weights(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     reader from = arguments(args, given, 3);

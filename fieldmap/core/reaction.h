@@ -1,9 +1,9 @@
-/* reaction.h: the iron's reaction to magnets: the field that iron makes because they magnetise it (docs/theory/reaction.md).
+/* reaction.h: the iron's reaction to magnets: the field of the iron that the magnets magnetise (docs/theory/reaction.md).
  *
  *     w_k = sum m . b_k,   B = sum_k s_k w_k b_k,   energy -1/2 sum_k s_k w_k^2
  *
- * over the dipoles m of one or more bodies. The fields b_k, T/sqrt(J), are sets of coefficients like those of the map's own
- * fields; the sign s_k is -1 for the last of them. Soft iron has moments that depend on B.
+ * The first sum runs over the dipoles m of one or more bodies. The fields b_k, T/sqrt(J), are sets of coefficients like those
+ * of the map's own fields; the sign s_k is -1 for the last `repelled` of them. The moments of soft iron depend on B.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -13,10 +13,10 @@
 #include "map.h"
 #include "wrench.h"
 
-/* Most fields of a reaction. */
+/* Largest number of fields of a reaction. */
 enum { FIELDMAP_REACTION_FIELDS = 64 };
 
-/* The fields of the reaction that a map has, as a map of their own. */
+/* The fields of a map's reaction as a separate map. */
 FIELDMAP_INLINE fieldmap fieldmap_reaction(const fieldmap *map)
 {
     fieldmap own = *map;
@@ -26,8 +26,8 @@ FIELDMAP_INLINE fieldmap fieldmap_reaction(const fieldmap *map)
     return own;
 }
 
-/* row[2 l + 3]: the derivatives along moment[3] of the harmonics of degree l + 1, from those of degree l. The transpose of
- * fieldmap_differentiate. */
+/* Fill row[2 l + 3]: the derivatives along moment[3] of the harmonics of degree l + 1, from the harmonics of degree l. The
+ * transpose of fieldmap_differentiate. */
 FIELDMAP_INLINE void fieldmap_row_along(const fm_real *moment, int l, const fm_real *from, fm_real *row)
 {
     const fm_real x = FM(0.5) * moment[0], y = FM(0.5) * moment[1], z = moment[2];
@@ -65,8 +65,7 @@ FIELDMAP_INLINE void fieldmap_harmonics_along(const fm_real *moment, int degree,
     for (l = 0; l < degree; l++) fieldmap_row_along(moment, l, harmonics + l * l, out + (l + 1) * (l + 1));
 }
 
-/* Numbers of a register of the processor, at any address, where the compiler has such a type. Loops of a few passes, which
- * compilers unroll, become vectors by it in all of them. */
+/* Vector register at any address, if the compiler has such a type: compilers would unroll short loops, not vectorise them. */
 #if defined(__GNUC__) || defined(__clang__)
 #ifdef __AVX__
 enum { FIELDMAP_REGISTER = 32 / sizeof(fm_real) };
@@ -85,7 +84,7 @@ FIELDMAP_INLINE fm_real fieldmap_product(const fm_real *a, const fm_real *b, int
     const int lanes = FIELDMAP_REGISTER;
     fm_register even = {FM(0)}, odd = {FM(0)};
     int lane;
-    /* Two sums: each waits for its last product. */
+    /* Two independent sums hide the latency of the additions. */
     for (; i + 2 * lanes <= count; i += 2 * lanes) {
         even += *(const fm_register *)(a + i) * *(const fm_register *)(b + i);
         odd += *(const fm_register *)(a + i + lanes) * *(const fm_register *)(b + i + lanes);
@@ -98,7 +97,7 @@ FIELDMAP_INLINE fm_real fieldmap_product(const fm_real *a, const fm_real *b, int
     return sum;
 }
 
-/* Add to along[k] set k of `count` sets of coefficients of a cell along moment[3] at a place in its coordinates. */
+/* Add moment[3] . field of each of `count` sets of coefficients of a cell, at a place in its coordinates, to along[k]. */
 FIELDMAP_INLINE void fieldmap_add_sets_along(
     const fm_real *moment, int degree, const fm_real *local, const fm_real *sets, int count, fm_real *along)
 {
@@ -109,7 +108,7 @@ FIELDMAP_INLINE void fieldmap_add_sets_along(
     for (k = 0; k < count; k++, sets += size) along[k] += fieldmap_product(harmonics, sets, size);
 }
 
-/* Add to along[k] row k of `count`, as fieldmap_gather fills them, along moment[3] at a spot. */
+/* Add moment[3] . field of each of `count` rows of fieldmap_gather, at a spot, to along[k]. */
 static inline void fieldmap_add_rows_along(const fieldmap *map, const fieldmap_spot *spot, const fm_real *moment, const fm_real *rows,
                                            int count, fm_real *along)
 {
@@ -117,7 +116,7 @@ static inline void fieldmap_add_rows_along(const fieldmap *map, const fieldmap_s
     if (map->kind != FIELDMAP_HERMITE) {
         fm_real local[3];
         fieldmap_from_middle(map, spot, local);
-        /* Of a degree that the compiler knows only the code for that degree is left. */
+        /* If the compiler knows the degree, only the code for that degree is left. */
         if (map->degree == 5) fieldmap_add_sets_along(moment, 5, local, rows, count, along);
         else fieldmap_add_sets_along(moment, map->degree, local, rows, count, along);
         return;
@@ -129,7 +128,7 @@ static inline void fieldmap_add_rows_along(const fieldmap *map, const fieldmap_s
     }
 }
 
-/* Add to along[k] the field k of a map, at weight 1, along moment[3] at point[3]. All fields have weights. */
+/* Add moment[3] . field k of a map, at weight 1 and point[3], to along[k]. The constant field is left out. */
 static inline int fieldmap_add_along(const fieldmap *map, const fm_real *point, const fm_real *moment, fm_real *along)
 {
     fieldmap_spot spot;
@@ -149,21 +148,21 @@ static inline int fieldmap_add_along(const fieldmap *map, const fm_real *point, 
     return status;
 }
 
-/* Add to weights[k] the field k of a map's reaction along moment[3] at point[3]. */
+/* Add moment[3] . field k of a map's reaction at point[3] to weights[k]. */
 static inline int fieldmap_reaction_add(const fieldmap *map, const fm_real *point, const fm_real *moment, fm_real *weights)
 {
     const fieldmap own = fieldmap_reaction(map);
     return fieldmap_add_along(&own, point, moment, weights);
 }
 
-/* From weights w_k of a map's reaction to s_k w_k, in place. */
+/* Turn weights w_k of a map's reaction into s_k w_k, in place. */
 static inline void fieldmap_reaction_signs(const fieldmap *map, fm_real *weights)
 {
     int k;
     for (k = map->reacting - map->repelled; k < map->reacting; k++) weights[k] = -weights[k];
 }
 
-/* Add to flux[3] and gradient[9] a map's reaction with these signed weights at a point. */
+/* Add a map's reaction with signed weights at a point to flux[3] and gradient[9]. */
 static inline int fieldmap_reaction_field(
     const fieldmap *map, const fm_real *weights, const fm_real *point, fm_real *flux, fm_real *gradient)
 {
@@ -176,7 +175,7 @@ static inline int fieldmap_reaction_field(
     return status;
 }
 
-/* Add to the coefficients `row` of a polynomial `count` sets, each times its weight. */
+/* Add `count` sets, each times its weight, to the coefficients `row` of a polynomial. */
 FIELDMAP_INLINE void fieldmap_add_sets(const fm_real *FIELDMAP_RESTRICT sets, int size, int count,
                                        const fm_real *FIELDMAP_RESTRICT weights, fm_real *FIELDMAP_RESTRICT row)
 {
@@ -185,7 +184,7 @@ FIELDMAP_INLINE void fieldmap_add_sets(const fm_real *FIELDMAP_RESTRICT sets, in
         for (i = 0; i < size; i++) row[i] += weights[k] * sets[i];
 }
 
-/* Add to the coefficients `row` of a polynomial those of the reaction to one dipole of moment[3] at a spot. */
+/* Add the coefficients of the reaction to one dipole of moment[3] at a spot to the coefficients `row` of a polynomial. */
 FIELDMAP_INLINE void fieldmap_reaction_to_row(
     const fieldmap *map, int degree, const fieldmap_spot *spot, const fm_real *moment, fm_real *row)
 {
@@ -200,7 +199,7 @@ FIELDMAP_INLINE void fieldmap_reaction_to_row(
     fieldmap_add_sets(sets, (degree + 1) * (degree + 1), map->reacting, weights, row);
 }
 
-/* As fieldmap_field_at_dipole, in Hermite form. */
+/* As fieldmap_field_at_dipole, for a Hermite form. */
 static inline int fieldmap_hermite_at_dipole(
     const fieldmap *map, const fm_real *weights, const fm_real *point, const fm_real *moment, fm_real *flux, fm_real *gradient)
 {
@@ -228,14 +227,14 @@ static inline int fieldmap_field_at_dipole(
     } else {
         fieldmap_gather(map, weights, &spot, row);
     }
-    /* Of a degree that the compiler knows only the code for that degree is left. */
+    /* If the compiler knows the degree, only the code for that degree is left. */
     if (map->degree == 5) fieldmap_reaction_to_row(map, 5, &spot, moment, row);
     else fieldmap_reaction_to_row(map, map->degree, &spot, moment, row);
     fieldmap_field_of_row(map, row, &spot, flux, gradient);
     return status;
 }
 
-/* wrench[6] on one dipole of moment[3] at point[3] for weights of the sets, in its own reaction, too, where it is known. */
+/* wrench[6] on one dipole of moment[3] at point[3] for weights of the sets, including its own reaction if the map has one. */
 static inline int fieldmap_wrench_of_weights(
     const fieldmap *map, const fm_real *weights, const fm_real *point, const fm_real *moment, fm_real *wrench)
 {
@@ -261,8 +260,8 @@ static inline int fieldmap_wrench(
     return status;
 }
 
-/* linkages[n_coils], Wb, of coils and linear iron at currents[n_coils], and of a dipole of moment[3] at point[3], unless both
- * are NULL. */
+/* Fill linkages[n_coils], Wb, of coils and linear iron at currents[n_coils], and of a dipole of moment[3] at point[3], unless
+ * both are NULL. */
 static inline int fieldmap_flux_linkage(
     const fieldmap *map, const fm_real *currents, const fm_real *point, const fm_real *moment, fm_real *linkages)
 {

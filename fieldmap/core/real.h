@@ -1,7 +1,7 @@
-/* real.h: the number that the run time computes with, and how many points it takes at a time.
+/* real.h: floating-point type of the run time, and number of points that it processes at a time.
  *
- * double, or what FIELDMAP_REAL says: float for microcontrollers. Constants are written FM(0.5), so that a build in float
- * computes nothing in double. FIELDMAP_LANES points go through a loop side by side, which compilers turn into vectors.
+ * The type is double, or FIELDMAP_REAL: float for microcontrollers. Constants are written FM(0.5), so that a build in float
+ * computes nothing in double. Loops process FIELDMAP_LANES points side by side, which compilers vectorise.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -22,8 +22,8 @@ typedef FIELDMAP_REAL fm_real;
 
 #define FM(number) ((fm_real)(number))
 
-/* For functions whose number of lanes must be known where they are called, so that loops over lanes become vectors, and for
- * small steps of the mechanics that were measured to be quicker so. C++ knows the other word by another name. */
+/* FIELDMAP_INLINE: functions for which the compiler must know the number of lanes to vectorise loops, and small steps of the
+ * mechanics for which inlining was measured to be faster. FIELDMAP_RESTRICT: `restrict` has another name in C++. */
 #if defined(__GNUC__) || defined(__clang__)
 #define FIELDMAP_INLINE static inline __attribute__((always_inline))
 #define FIELDMAP_RESTRICT __restrict__
@@ -32,7 +32,7 @@ typedef FIELDMAP_REAL fm_real;
 #define FIELDMAP_RESTRICT
 #endif
 
-/* Infinity less itself, and NaN less itself, are not 0. No function of a library is needed. */
+/* x - x is NaN for infinity and NaN. No library function is needed. */
 static inline int fieldmap_finite(fm_real x)
 {
     return x - x == FM(0);

@@ -1,9 +1,9 @@
 /* rigid_body.h: the motion of a rigid body with magnets in a field, by steps (docs/theory/dynamics.md (21) to (24)).
  *
- * A step is Strang's splitting into kick and free flight. In a kick velocities change at rest in place and turn, under
- * magnets, walls, weight and losses; in a flight the body moves freely. Kick half, flight, kick half is of second order and
- * symmetric in time; without losses it is symplectic. Three such steps of x1, x0, x1 times the length make one of fourth
- * order (Yoshida, Phys. Lett. A 150, 262, 1990). In double precision.
+ * A step is Strang's splitting into kicks and free flight. A kick changes the velocities at a fixed pose, under magnets, walls,
+ * weight and losses. In a flight the body moves freely. A half kick, a flight and a half kick make a step of second order that
+ * is symmetric in time and, without losses, symplectic. Three such steps of x1, x0, x1 times the length make one of fourth
+ * order (Yoshida, Phys. Lett. A 150, 262, 1990).
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -21,10 +21,9 @@ typedef struct fieldmap_state {
 
 enum { FIELDMAP_STATE = 13 };
 
-/* The origin of its frame is the centre of mass, and its axes are principal axes of inertia. inertia: principal moments, kg
- * m^2; gravity: acceleration, m/s^2; force, N, and torque, N m: what disturbs it, frame of the map. seen_by_plate: the dipole
- * for which a plate takes its magnets. skin: n_skin points of the surface that can touch walls. lossy: whether there is
- * drag. */
+/* A rigid body. The origin of its frame is the centre of mass, and its axes are principal axes of inertia. inertia: principal
+ * moments, kg m^2; gravity: acceleration, m/s^2; force, N, and torque, N m: disturbances, frame of the map. seen_by_plate: one
+ * dipole that represents the magnets for the plate. skin: n_skin points of the surface for contacts. lossy: there is drag. */
 typedef struct fieldmap_rigid_body {
     double mass, inertia[3], gravity[3], force[3], torque[3];
     int lossy, n_skin;
@@ -36,8 +35,8 @@ typedef struct fieldmap_rigid_body {
     fieldmap_magnetic_body magnetic;
 } fieldmap_rigid_body;
 
-/* Load[6] at a state that is turned by r[9]: force, frame of the map, and torque about the centre of mass, frame of the
- * body, of all but losses, from the wrench[6] on the magnets. What is touched. */
+/* Fill load[6] at a state with rotation r[9] from the wrench[6] on the magnets: force, frame of the map, and torque about the
+ * centre of mass, frame of the body, without losses. Returns the contacts. */
 FIELDMAP_INLINE int fieldmap_load_of_wrench(const fieldmap_rigid_body *body, const fieldmap_state *state, const double *r,
                                             const double *wrench, double *load)
 {
@@ -53,7 +52,7 @@ FIELDMAP_INLINE int fieldmap_load_of_wrench(const fieldmap_rigid_body *body, con
                                 state->angular_velocity, load);
 }
 
-/* The same in a field; the status of the map. The load stays as it is where the field is not known. */
+/* The same in a field. Returns the status of the map. Where the field is unknown the load does not change. */
 FIELDMAP_INLINE int fieldmap_load_turned(const fieldmap_path *field, const fieldmap_rigid_body *body,
                                          const fieldmap_state *state, const double *r, double *load, int *touched)
 {
@@ -73,7 +72,7 @@ static inline int fieldmap_load(const fieldmap_path *field, const fieldmap_rigid
     return fieldmap_load_turned(field, body, state, r, load, touched);
 }
 
-/* What a body loses at velocities, at rest in place and turn: force[3], frame of the map, torque[3], frame of the body. */
+/* Force[3], frame of the map, and torque[3], frame of the body, of the losses at given velocities. */
 FIELDMAP_INLINE void fieldmap_losses(const fieldmap_rigid_body *body, const double *position, const double *r,
                                    const double *velocity, const double *angular_velocity, double *force, double *torque)
 {
@@ -84,13 +83,13 @@ FIELDMAP_INLINE void fieldmap_losses(const fieldmap_rigid_body *body, const doub
         fieldmap_add_eddies(&body->plate, &body->seen_by_plate, position, r, velocity, angular_velocity, force, torque);
 }
 
-/* Whether anything of a body loses energy. */
+/* Whether a body has losses. */
 FIELDMAP_INLINE int fieldmap_loses(const fieldmap_rigid_body *body)
 {
     return body->lossy || body->plate.conductivity > 0.0;
 }
 
-/* How much velocity and angular velocity change by a unit of load. */
+/* Fill per[6]: inverses of mass and of the principal moments of inertia. */
 FIELDMAP_INLINE void fieldmap_mobility(const fieldmap_rigid_body *body, double *per)
 {
     int i;
@@ -98,8 +97,8 @@ FIELDMAP_INLINE void fieldmap_mobility(const fieldmap_rigid_body *body, double *
     for (i = 0; i < 3; i++) per[3 + i] = 1.0 / body->inertia[i];
 }
 
-/* Rates of velocity and angular velocity, the latter without its gyroscopic part, at velocities[6], both behind each
- * other. per: of fieldmap_mobility. */
+/* Fill rates[6] at velocities[6]: acceleration, and angular acceleration without the gyroscopic part. per: of
+ * fieldmap_mobility. */
 FIELDMAP_INLINE void fieldmap_changes(const fieldmap_rigid_body *body, const double *per, const double *position,
                                       const double *r, const double *load, const double *velocities, double *rates)
 {
@@ -112,7 +111,7 @@ FIELDMAP_INLINE void fieldmap_changes(const fieldmap_rigid_body *body, const dou
     }
 }
 
-/* Velocities after a time h at rest in place and in the turn of r[9]; with losses by a Runge-Kutta rule of second or fourth
+/* Change the velocities by a load over a time h at a fixed pose; with losses by a Runge-Kutta rule of second or fourth
  * order. */
 FIELDMAP_INLINE void fieldmap_kick(const fieldmap_rigid_body *body, const double *per, const double *r, fieldmap_state *state,
                                    const double *load, double h, int order)
@@ -148,8 +147,8 @@ FIELDMAP_INLINE void fieldmap_fly(const fieldmap_rigid_body *body, const double 
     fieldmap_normalise(state->turn);
 }
 
-/* The first half of a step of second order, with kicks by a rule of `order`: kick under load[6], and flight; after it the body
- * is turned by r[9]. per[6]: filled as by fieldmap_mobility. */
+/* The first half of a step of second order: half a kick under load[6] by a rule of `order`, then the flight. Fills r[9], the
+ * rotation after the flight, and per[6], as fieldmap_mobility does. */
 FIELDMAP_INLINE void fieldmap_leave(const fieldmap_rigid_body *body, double *per, double *r, fieldmap_state *state,
                                     const double *load, double h, int order)
 {
@@ -160,7 +159,7 @@ FIELDMAP_INLINE void fieldmap_leave(const fieldmap_rigid_body *body, double *per
     fieldmap_rotation(state->turn, r);
 }
 
-/* The second half: the load at the end, and a kick under it. The status of the map, and what is touched. */
+/* The second half: compute the load at the end, and apply half a kick. Returns the status of the map, and fills `touched`. */
 FIELDMAP_INLINE int fieldmap_arrive(const fieldmap_path *field, const fieldmap_rigid_body *body, const double *per,
                                     const double *r, fieldmap_state *state, double *load, double h, int order, int *touched)
 {
@@ -169,8 +168,8 @@ FIELDMAP_INLINE int fieldmap_arrive(const fieldmap_path *field, const fieldmap_r
     return status;
 }
 
-/* A step of second order, with kicks by a rule of `order`. load[6] goes in as that at the beginning and comes out as that at
- * the end; the field has the weights at the end. The status of the map, and what is touched, at the end. */
+/* A step of second order, with kicks by a rule of `order`. load[6] is the load at the beginning, and afterwards the load at the
+ * end. The field has the weights of the end. Returns the status of the map, and fills `touched`, both at the end. */
 FIELDMAP_INLINE int fieldmap_symmetric_step(const fieldmap_path *field, const fieldmap_rigid_body *body, fieldmap_state *state,
                                           double *load, double h, int order, int *touched)
 {
@@ -179,7 +178,7 @@ FIELDMAP_INLINE int fieldmap_symmetric_step(const fieldmap_path *field, const fi
     return fieldmap_arrive(field, body, per, r, state, load, h, order, touched);
 }
 
-/* Lengths of the symmetric steps that make one of second or fourth order, as shares of it. How many. */
+/* Fill the lengths, as fractions, of the symmetric steps in a step of second or fourth order. Returns their number. */
 FIELDMAP_INLINE int fieldmap_parts_of_step(int order, double *lengths)
 {
     const double x1 = 1.3512071919596578; /* 1 / (2 - 2^(1/3)) */
@@ -187,7 +186,7 @@ FIELDMAP_INLINE int fieldmap_parts_of_step(int order, double *lengths)
     return order == 2 ? 1 : 3;
 }
 
-/* A step of second or fourth order, the latter at weights that do not change. */
+/* A step of second or fourth order. The weights must be constant in a step of fourth order. */
 static inline int fieldmap_step(const fieldmap_path *field, const fieldmap_rigid_body *body, fieldmap_state *state,
                                 double *load, double h, int order, int *touched)
 {
@@ -199,7 +198,7 @@ static inline int fieldmap_step(const fieldmap_path *field, const fieldmap_rigid
     return status;
 }
 
-/* The time derivative of a state: the right-hand side for an integrator of another kind. */
+/* The time derivative of a state: the right-hand side for other integrators. */
 static inline int fieldmap_rates(
     const fieldmap_path *field, const fieldmap_rigid_body *body, const fieldmap_state *state, fieldmap_state *out)
 {

@@ -1,7 +1,6 @@
 /* rotation.h: vectors, rotation matrices, quaternions, and the free motion of a rigid rotor (docs/theory/dynamics.md).
  *
- * A rotation r[9], row by row, takes vectors from the body to the map. A quaternion is turn[4], its real part first. In
- * double precision.
+ * A rotation r[9], row by row, takes vectors from the body to the map. A quaternion is turn[4], real part first.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -17,7 +16,7 @@ FIELDMAP_INLINE double fieldmap_dot(const double *a, const double *b)
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/* out = a x b; another array than both. */
+/* out = a x b; out is another array. */
 FIELDMAP_INLINE void fieldmap_cross(const double *a, const double *b, double *out)
 {
     out[0] = a[1] * b[2] - a[2] * b[1];
@@ -51,7 +50,7 @@ FIELDMAP_INLINE void fieldmap_to_body(const double *r, const double *v, double *
     for (i = 0; i < 3; i++) out[i] = r[i] * v[0] + r[3 + i] * v[1] + r[6 + i] * v[2];
 }
 
-/* r[9] of a quaternion of length 1. */
+/* Fill the rotation r[9] of a unit quaternion. */
 FIELDMAP_INLINE void fieldmap_rotation(const double *turn, double *r)
 {
     const double w = turn[0], x = turn[1], y = turn[2], z = turn[3];
@@ -73,7 +72,7 @@ FIELDMAP_INLINE void fieldmap_turn_by(double *turn, double w, double x, double y
     turn[3] = a * z + b * y - c * x + d * w;
 }
 
-/* One step of Newton's method for 1 / length takes back what rounding did to the length of a quaternion. */
+/* Correct the rounding of the length of a quaternion by one step of Newton's method for 1 / length. */
 FIELDMAP_INLINE void fieldmap_normalise(double *turn)
 {
     int k;
@@ -81,8 +80,8 @@ FIELDMAP_INLINE void fieldmap_normalise(double *turn)
     for (k = 0; k < 4; k++) turn[k] *= 1.5 - 0.5 * square;
 }
 
-/* sin(x) / x and cos(x) from q = x^2. Of small angles, such as a body turns by in a step, by Taylor's series, without a root
- * and a division: below q = 0.0025 the first terms left out, x^10 / 11! and x^10 / 10!, are below 1e-19 of the sum. */
+/* sin(x) / x and cos(x) from q = x^2. Taylor's series for small angles, such as rotations of a body in a step, needs no root or
+ * division: below q = 0.0025 the first neglected terms, x^10 / 11! and x^10 / 10!, are below 1e-19 of the sum. */
 FIELDMAP_INLINE void fieldmap_sinc_and_cosine(double q, double *sinc, double *cosine)
 {
     if (q < 0.0025) {
@@ -95,7 +94,7 @@ FIELDMAP_INLINE void fieldmap_sinc_and_cosine(double q, double *sinc, double *co
     }
 }
 
-/* A turn about the second axis of the body by the angle factor * momentum[1]; the momentum in the body turns back. */
+/* Rotate about the second axis of the body by the angle factor * momentum[1]; the momentum in the body rotates back. */
 FIELDMAP_INLINE void fieldmap_turn_about_second(double *turn, double *momentum, double factor)
 {
     const double first = momentum[0], third = momentum[2], half = 0.5 * factor * momentum[1];
@@ -107,14 +106,14 @@ FIELDMAP_INLINE void fieldmap_turn_about_second(double *turn, double *momentum, 
     momentum[2] = cosine * third + sine * first;
 }
 
-/* Quaternion and angular velocity, in the frame of the body, of a rotor of principal moments of inertia[3] after a time h
+/* Advance the quaternion and the angular velocity, frame of the body, of a rotor of principal moments of inertia[3] by a time h
  * without torque; per[3]: 1 / inertia. docs/theory/dynamics.md (3) to (6).
  *
- * The kinetic energy L^2 / (2 I1) + L2^2 (1/I2 - 1/I1) / 2 + L3^2 (1/I3 - 1/I1) / 2, L the angular momentum in the body, is
- * a sum of parts whose motions are rotations: the first turns the body about L and commutes with the others. With I1 = I2
- * the second is absent and the step is exact. Otherwise it is of second order, symmetric in time and symplectic; L keeps
- * its length and its direction in space to rounding. After Dullweber, Leimkuhler and McLachlan, J. Chem. Phys. 107, 5840
- * (1997), with the part that commutes taken out. */
+ * The kinetic energy L^2 / (2 I1) + L2^2 (1/I2 - 1/I1) / 2 + L3^2 (1/I3 - 1/I1) / 2, with the angular momentum L in the body,
+ * is a sum of parts whose motions are rotations: the first part turns the body about L and commutes with the other parts. With
+ * I1 = I2 the second part is absent and the step is exact. Otherwise it is of second order, symmetric in time and symplectic; L
+ * keeps its length and its direction in space to rounding. After Dullweber, Leimkuhler and McLachlan, J. Chem. Phys. 107, 5840
+ * (1997). */
 FIELDMAP_INLINE void fieldmap_free_turn(
     double *turn, double *angular_velocity, const double *inertia, const double *per, double h)
 {

@@ -2,8 +2,8 @@
  *
  *     x[n+1] = A x[n] + B (i[n] - i_0 + disturbance[n])     y[n] = C x[n]
  *
- * y: deviation of the position from an operating point; u: output of the controller, likewise; i: what the drive makes of
- * it, i_0: what its gain and offset make of the operating output. y[n] does not wait for u[n]. In double precision.
+ * y: deviation of the position from an operating point; u: deviation of the controller's output; i: current of the drive; i_0:
+ * current of the drive's gain and offset at the operating output. y[n] does not depend on u[n].
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -18,28 +18,27 @@ typedef struct fieldmap_plant {
     const double *A, *B, *C;
 } fieldmap_plant;
 
-/* Sensor, converters and amplifier, and the operating point about which the loop's signals are deviations: where steps and
- * limits lie depends on it. */
+/* Instruments, and the operating point from which the loop's signals deviate. Steps and limits of instruments are absolute. */
 typedef struct fieldmap_loop_instruments {
     fieldmap_chain chain;
     fieldmap_drive drive;
     double position, output;
 } fieldmap_loop_instruments;
 
-/* What enters the loop at a sample: reference, noise of the position, of the converter's voltage and of the current, and
+/* Inputs of the loop at a sample: reference, noise of the position, of the converter's voltage and of the current, and
  * disturbance of the plant's input. */
 typedef struct fieldmap_loop_inputs {
     double reference, position_noise, voltage_noise, current_noise, disturbance;
 } fieldmap_loop_inputs;
 
-/* How many numbers of scratch a sample takes. */
+/* Numbers of scratch that a sample needs. */
 static inline int fieldmap_loop_scratch(const fieldmap_plant *plant, const fieldmap_controller *controller)
 {
     return plant->states + fieldmap_controller_scratch(controller);
 }
 
 /* One sample with a controller of one output: fill u, advance the state x[] of the plant and the memory[] of the controller,
- * and return y. Reference and measured position stand for all three axes of the controller's signals. */
+ * and return y. Reference and measured position are used for all three axes of the controller's signals. */
 static inline double fieldmap_loop_sample(const fieldmap_plant *plant, const fieldmap_controller *controller,
                                           const fieldmap_loop_instruments *with, const fieldmap_loop_inputs *in, double *x,
                                           double *memory, double *scratch, double *u)

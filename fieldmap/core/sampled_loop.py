@@ -13,7 +13,7 @@ from fieldmap.typing import Array
 
 
 class Plant(NamedTuple):
-    """A (n, n), B (n,), C (n,): of one input and one output, strictly proper."""
+    """A strictly proper plant of one input and one output: A (n, n), B (n,), C (n,)."""
 
     A: Array
     B: Array
@@ -21,12 +21,11 @@ class Plant(NamedTuple):
 
 
 class LoopInstruments(NamedTuple):
-    """The numbers of sensor, converters and amplifier as compiled loops take them; ideal unless given.
+    """Numbers of sensor, converters and amplifier for compiled loops; ideal unless given.
 
     chain (10,), drive (7,): `Chain` and `Drive` of fieldmap.core.instruments, or arrays in their order;
-    fieldmap.instruments makes them of data sheets. position, output: the operating point, in the units of plant and
-    controller, about which the loop's signals are deviations: where steps and limits of the instruments lie depends
-    on it.
+    fieldmap.instruments makes them from data sheets. position, output: the operating point, in the units of plant and
+    controller, from which the loop's signals deviate. Steps and limits of the instruments are absolute.
     """
 
     chain: Chain | Array = Chain()
@@ -38,7 +37,7 @@ class LoopInstruments(NamedTuple):
         return tuple_line(self)
 
     def to_dict(self) -> dict[str, Plain]:
-        """The values by their names, as plain Python."""
+        """Return the values by name, as plain Python."""
         return plain_items(**self._asdict())
 
 
@@ -63,7 +62,7 @@ def simulate(
     u: Array,
 ) -> None:
     """Fill y and u (runs, samples): position and output of a controller of one output, each run from rest and from a
-    memory (n,). Reference and measured position stand for all three axes. Several threads may call it at once."""
+    memory (n,). Reference and measured position are used for all three axes. Several threads may call it at once."""
     chain, drive = np.array(instruments.chain, float), np.array(instruments.drive, float)
     numbers = instruments._replace(chain=chain, drive=drive)
     LIBRARY.sampled_loop(plant, controller.controller, numbers, signals, memory, y, u)

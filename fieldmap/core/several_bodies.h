@@ -1,7 +1,5 @@
 /* several_bodies.h: the motion of bodies that act on each other in the field of one machine, by the steps of rigid_body.h.
  *
- * In double precision.
- *
  * BSD-3-Clause, the fieldmap developers.
  */
 #ifndef FIELDMAP_SEVERAL_BODIES_H
@@ -10,10 +8,10 @@
 #include "bodies.h"
 #include "machine.h"
 
-/* machine: whose field follows the currents; its own body is not used. field: the machine's, which keeps what all points need.
- * radii: of spheres about the centres of mass with which bodies touch each other, m; 0 touches none. contact: of which
- * stiffness and damping are per kg of the reduced mass of a pair. all, placed, room, wrench: as fieldmap_wrench_in_map has
- * them. fault: at which of the points the field was not known. */
+/* machine: its field follows the currents; its own body is not used. field: the field of the machine, with the kept sums of all
+ * points. radii: of spheres about the centres of mass with which bodies touch each other, m; 0: no contact. contact: stiffness
+ * and damping are per kg of the reduced mass of a pair. all, placed, room, wrench: as in fieldmap_wrench_in_map. fault: number
+ * of the point at which the field was unknown. */
 typedef struct fieldmap_several {
     fieldmap_machine *machine;
     fieldmap_path field;
@@ -27,7 +25,7 @@ typedef struct fieldmap_several {
     int fault;
 } fieldmap_several;
 
-/* The field becomes that of these currents; whether they lie where it is known how it follows them. */
+/* As fieldmap_machine_follow. */
 static inline int fieldmap_several_follow(fieldmap_several *of, const double *currents)
 {
     const int within = fieldmap_machine_follow(of->machine, currents);
@@ -35,7 +33,7 @@ static inline int fieldmap_several_follow(fieldmap_several *of, const double *cu
     return within;
 }
 
-/* of->wrench of the magnets at these states, and, unless NULL, their energy; a status. */
+/* Fill of->wrench on the magnets at given states, and, unless NULL, their energy. Returns a status. */
 static inline int fieldmap_several_wrench(fieldmap_several *of, const fieldmap_state *states, double *energy)
 {
     int n, i;
@@ -46,7 +44,7 @@ static inline int fieldmap_several_wrench(fieldmap_several *of, const fieldmap_s
     return fieldmap_wrench_in_map(&of->all, &of->field, of->room, of->wrench, energy, &of->fault);
 }
 
-/* Add to the loads of bodies a and b the push of their spheres; whether they touch. Both feel it at one point. */
+/* Add the contact forces of the spheres of bodies a and b, at one point, to their loads. Returns whether they touch. */
 static inline int fieldmap_add_collision(const fieldmap_several *of, const fieldmap_state *states, int a, int b, double *loads)
 {
     const double first = of->bodies[a].mass, second = of->bodies[b].mass, reduced = first * second / (first + second);
@@ -75,7 +73,7 @@ static inline int fieldmap_add_collision(const fieldmap_several *of, const field
     return 1;
 }
 
-/* loads[6 * count] as those of fieldmap_load, of bodies that touch each other, too; a status, and what is touched by any. */
+/* Fill loads[6 * count] as fieldmap_load does, with contacts between bodies, and all contact flags. Returns a status. */
 static inline int fieldmap_several_load(fieldmap_several *of, const fieldmap_state *states, double *loads, int *touched)
 {
     const int status = fieldmap_several_wrench(of, states, NULL);
@@ -89,7 +87,7 @@ static inline int fieldmap_several_load(fieldmap_several *of, const fieldmap_sta
     return status;
 }
 
-/* As fieldmap_symmetric_step, of all bodies at once. */
+/* As fieldmap_symmetric_step, for all bodies at once. */
 static inline int fieldmap_several_symmetric_step(
     fieldmap_several *of, fieldmap_state *states, double *loads, double h, int order, int *touched)
 {
@@ -108,7 +106,7 @@ static inline int fieldmap_several_symmetric_step(
     return status;
 }
 
-/* As fieldmap_move; a row is the states of all bodies. loads[6 * count]: room. */
+/* As fieldmap_move, for all bodies; a row holds the states of all. loads[6 * count]: room. */
 static inline long fieldmap_several_move(fieldmap_several *of, fieldmap_state *states, double *loads, double h, long every,
                                          int order, long rows, fieldmap_state *out, int *status, int *touched)
 {

@@ -1,5 +1,4 @@
-"""Bodies that act on each other in the field of one machine, as the C core moves them
-(fieldmap/core/several_bodies.h)."""
+"""Bodies that act on each other in the field of one machine: fieldmap/core/several_bodies.h."""
 
 from collections.abc import Sequence
 
@@ -8,15 +7,16 @@ from fieldmap.core.machine import BodyNumbers, CoreMachine
 from fieldmap.typing import Array
 
 ON_BODY: int = LIBRARY.ON_BODY
-"""Of what is touched: another body."""
+"""Contact flag: another body."""
 UNSETTLED: int = LIBRARY.UNSETTLED
-"""Status where the moments of soft iron come to no end, because bodies overlap."""
+"""Status: the moments of soft iron do not converge, because bodies overlap."""
 
 
 class CoreSeveralBodies:
-    """Bodies, for one thread at a time: they remember the field of the last currents, which follows them as that of
-    `machine`, whose own body is not used. radii (n,), m: of the spheres with which bodies touch each other, 0 for none;
-    contact (9,): as walls of `BodyNumbers`, per kg of the reduced mass of two. states (n, 13)."""
+    """Bodies, for one thread at a time: they store the field of the last currents. The field is that of `machine`,
+    whose own body is not used. radii (n,), m: of the spheres with which bodies touch each other, 0 for no contact;
+    contact (9,): as walls of `BodyNumbers`, with stiffness and damping per kg of the reduced mass of a pair. states
+    (n, 13)."""
 
     def __init__(
         self, machine: CoreMachine, bodies: Sequence[BodyNumbers], radii: Array, contact: Array
@@ -28,13 +28,13 @@ class CoreSeveralBodies:
         return bool(LIBRARY.several_follow(self.bodies, currents))
 
     def wrench(self, states: Array, wrench: Array) -> tuple[int, float]:
-        """Fill wrench (n, 6) of the field on each body about its centre of mass, frame of the map; a status, and the
-        energy of all in the field and in each other's, J."""
+        """Fill wrench (n, 6) on each body about its centre of mass, frame of the map. Returns a status, and the
+        energy of all bodies in the field and in the fields of each other, J."""
         status, energy = LIBRARY.several_wrench(self.bodies, states, wrench)
         return status, energy
 
     def fault(self) -> tuple[int, Array]:
-        """After another status than `INSIDE`: the number of the body, and where in the map (3,), m."""
+        """Return the number of the body and the point in the map (3,), m, of a status other than `INSIDE`."""
         number, place = LIBRARY.several_fault(self.bodies)
         return number, place
 

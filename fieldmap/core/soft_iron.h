@@ -4,9 +4,8 @@
  *
  *     h_i = b0_i - N_i J_i,   J_i = chi(s) h_i,   s = |h|,   chi = J(s) / s
  *
- * so that one scalar is to be found: sum_i b0_i^2 / (s + N_i J(s))^2 = 1, whose left side falls with s. The knots of the
- * law bracket it. Newton's method in that piece of the law, kept in the bracket, ends after a bounded number of steps. In
- * double precision.
+ * The only unknown is the scalar s, from sum_i b0_i^2 / (s + N_i J(s))^2 = 1, whose left side falls with s. The knots of the
+ * law bracket the solution. Newton's method within the bracket ends after a bounded number of steps.
  *
  * BSD-3-Clause, the fieldmap developers.
  */
@@ -15,10 +14,10 @@
 
 #include "rotation.h"
 
-/* An ellipsoid in a body. centre: m, in the frame of the body; axes[9]: the rotation, row by row, from its own axes to
- * those of the body; factors: demagnetising factors along its axes, whose sum is 1; volume: over mu0. reluctance: 1 /
- * (mu_r - 1) of a constant permeability, 0 of an infinite one. law: for other iron, 4 * knots numbers: h, J, dJ/dh, T, and
- * the integral of J dh, T^2, at knots; J stays constant past the last one. */
+/* An ellipsoid in a body. centre: m, in the frame of the body; axes[9]: the rotation, row by row, from its own axes to those of
+ * the body; factors: demagnetising factors along its axes, with the sum 1; volume: divided by mu0. reluctance: 1 / (mu_r - 1)
+ * of a constant permeability, 0 of an infinite one. law: for other iron, 4 * knots numbers: h, J, dJ/dh, T, and the integral of
+ * J dh, T^2, at knots; J is constant beyond the last knot. */
 typedef struct fieldmap_soft {
     double centre[3], axes[9], factors[3], volume, reluctance;
     int knots;
@@ -27,12 +26,12 @@ typedef struct fieldmap_soft {
 
 enum { FIELDMAP_SOFT_STEPS = 60 };
 
-/* What a field makes of the inside: J_i / b0_i along the axes; of a law also s, J(s), dJ/dh and the integral of J dh. */
+/* State inside a piece: J_i / b0_i along the axes, and, with a law, s, J(s), dJ/dh and the integral of J dh. */
 typedef struct fieldmap_inside {
     double by_axis[3], s, j, slope, work;
 } fieldmap_inside;
 
-/* (sum_i b0_i^2 / (s + N_i J)^2)^-1/2, which is below 1 where s is too small; squares: of b0. */
+/* (sum_i b0_i^2 / (s + N_i J)^2)^-1/2, which is below 1 if s is too small; squares: of b0. */
 static inline double fieldmap_soft_level(const fieldmap_soft *piece, const double *squares, double s, double j)
 {
     double sum = 0.0;
@@ -45,7 +44,7 @@ static inline double fieldmap_soft_level(const fieldmap_soft *piece, const doubl
     return 1.0 / sqrt(sum);
 }
 
-/* Its derivative by s. */
+/* The derivative of fieldmap_soft_level with respect to s. */
 static inline double fieldmap_soft_level_slope(
     const fieldmap_soft *piece, const double *squares, const fieldmap_inside *in, double level)
 {
@@ -79,7 +78,7 @@ static inline void fieldmap_soft_law(const fieldmap_soft *piece, int k, double s
     in->work = work[0] + t * (j[0] + t * (slope[0] / 2.0 + t * (c2 / 3.0 + t * c3 / 4.0)));
 }
 
-/* Find s, and with it J, dJ/dh and the integral, in a piece with a law in b0[3] along its axes. */
+/* Find s, J, dJ/dh and the integral in a piece with a law; b0[3]: field along its axes. */
 static inline void fieldmap_soft_solve(const fieldmap_soft *piece, const double *b0, fieldmap_inside *in)
 {
     const double rounding = 4e-16, squares[3] = {b0[0] * b0[0], b0[1] * b0[1], b0[2] * b0[2]};
@@ -124,7 +123,7 @@ static inline void fieldmap_soft_inside(const fieldmap_soft *piece, const double
     }
 }
 
-/* moment[3], A m^2, in a field flux[3], T, both in the frame of the body; the energy -integral of m dB, J. */
+/* Fill moment[3], A m^2, in flux[3], T, both in the frame of the body. Returns the energy -integral of m dB, J. */
 static inline double fieldmap_induced_moment(const fieldmap_soft *piece, const double *flux, double *moment)
 {
     double b0[3], j[3], energy = 0.0;
@@ -144,7 +143,7 @@ static inline double fieldmap_induced_moment(const fieldmap_soft *piece, const d
     return piece->volume * energy;
 }
 
-/* out[9] = r a r^T of matrices of three rows; out is another array. */
+/* out[9] = r a r^T, all row by row; out is another array. */
 static inline void fieldmap_turned_matrix(const double *r, const double *a, double *out)
 {
     double half[9];
@@ -156,13 +155,13 @@ static inline void fieldmap_turned_matrix(const double *r, const double *a, doub
         for (k = 0; k < 3; k++) out[3 * i + k] = fieldmap_dot(half + 3 * i, r + 3 * k);
 }
 
-/* out[9] = A^-1 of a matrix of three rows. */
+/* out[9] = A^-1, both row by row. */
 static inline void fieldmap_inverse(const double *A, double *out)
 {
     double determinant;
     int i;
     for (i = 0; i < 9; i++) {
-        /* Cofactor of the entry that the transposition puts here. */
+        /* Cofactor of the transposed entry. */
         const int row = i % 3, column = i / 3, r1 = (row + 1) % 3, r2 = (row + 2) % 3;
         const int c1 = (column + 1) % 3, c2 = (column + 2) % 3;
         out[i] = A[3 * r1 + c1] * A[3 * r2 + c2] - A[3 * r1 + c2] * A[3 * r2 + c1];

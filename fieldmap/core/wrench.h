@@ -1,4 +1,4 @@
-/* wrench.h: force and torque of a field on what it moves (docs/theory/wrench.md).
+/* wrench.h: force and torque of a field on a dipole (docs/theory/wrench.md).
  *
  * A wrench is a force in N, then a torque in N m.
  *

@@ -1,6 +1,6 @@
-"""What a machine is, and the file that describes it.
+"""The data of a machine, and the file that describes it.
 
-Its modules are imported when a name is asked for: who carries a payload on an opened map needs no schema of files.
+A module is imported on first use of its names, so that a program that only opens a map does not load the file schemas.
 """
 
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""Fields of currents and magnets of magpylib's kinds in air: by kernels of this package where there is one.
+"""Fields in air of the currents and magnets that magpylib has, by kernels of this package where one exists.
 
 | kind | flux density | gradient |
 |---|---|---|
@@ -10,9 +10,9 @@
 | Cylinder magnetised along its axis | current sheet kernel | the same |
 | Cylinder across, CylinderSegment, any other object | magpylib | differences, `differenced` |
 
-On a line of current, on a sheet and at a dipole there is no value: flux density and gradient are NaN (magpylib gives 0
-on lines and sheets). On the edges of a magnet, where the gradient is infinite, it is NaN or a number without meaning.
-What magpylib computes has to be finite.
+Flux density and gradient are NaN on a line current, on a current sheet and at a dipole (magpylib gives 0 on lines and
+sheets). The gradient is infinite on the edges of a magnet; there the result is NaN or a number without meaning.
+InputError is raised where a value from magpylib is not finite.
 """
 
 from collections.abc import Callable
@@ -34,25 +34,27 @@ from fieldmap.typing import Array, Index
 STEP = 2e-3
 """Step of the differences, as a share of the source's size."""
 
+# Complex step of the gradient of line currents, m.
 _IMAGINARY = 1e-30
-# A distance of 0 that a kernel keeps from dividing by 0 gives 1e200 and more.
+# Larger values count as infinite: kernels that guard a distance of 0 return 1e200 and more.
 _INFINITE = 1e100
+# Pairs of a point and a segment or triangle that are computed at a time.
 _ROWS = 20_000
 
 
 def flux_density(source: AirSource, points: Array) -> Array:
-    """B (n, 3), T, of a source at points (n, 3), m, in the frame in which it is placed; its own current counts."""
+    """B (n, 3), T, of a source with its own current at points (n, 3), m, in the frame of its placement."""
     return _placed(source, points, False)[0]
 
 
 def flux_density_and_gradient(source: AirSource, points: Array) -> tuple[Array, Array]:
-    """B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m; see the table of this module for how."""
+    """B (n, 3), T, and dB_i/dx_j (n, 3, 3), T/m; the table of this module lists the methods."""
     return _placed(source, points, True)
 
 
 def _placed(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
     local, rotation = _local(source, points)
-    # The formulas divide by the distance. What that makes infinite becomes NaN in all components.
+    # The formulas divide by the distance. A value with an infinite component becomes NaN in all components.
     with np.errstate(all="ignore"):
         field, gradient = _FIELDS.get(source.kind, _by_magpylib)(source, local, both)
         field, gradient = field @ rotation.T, rotation @ gradient @ rotation.T
@@ -62,7 +64,7 @@ def _placed(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]
 
 
 def _local(source: AirSource, points: Array) -> tuple[Array, Array]:
-    if source.kind == OTHER:  # has a place of its own
+    if source.kind == OTHER:  # the magpylib object has its own position and orientation
         return points, np.eye(3)
     rotation = np.asarray(source.placement.rotation, dtype=float)
     return np.ascontiguousarray((points - source.placement.position) @ rotation), rotation
@@ -77,7 +79,7 @@ _TRIANGLES = triangles_field, triangles_field_and_gradient
 def _by(
     kernels: tuple[Callable[..., Array], Callable[..., Any]], both: bool, *what: Any
 ) -> tuple[Array, Array]:
-    """Field and gradient by a pair of kernels: of the field alone, and of both."""
+    """Field and gradient by a pair of kernels: one for the field alone, one for both."""
     return kernels[1](*what) if both else (kernels[0](*what), _None)
 
 
@@ -90,7 +92,7 @@ def _circle(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]
 
 
 def segments_of(source: AirSource) -> tuple[Array, Array]:
-    """First and last points (m, 3) of the segments of a Polyline, without those of no length."""
+    """First and last points (m, 3) of the segments of a Polyline; segments of zero length are left out."""
     start, end = source.vertices[:-1], source.vertices[1:]  # type: ignore[index]
     there = (start != end).any(axis=1)
     return start[there], end[there]
@@ -113,7 +115,7 @@ def _polyline(source: AirSource, points: Array, both: bool) -> tuple[Array, Arra
 
 
 def _segments(points: Array, start: Array, end: Array) -> Array:
-    """4 pi / mu0 times B per ampere of all segments, summed; of complex points as well."""
+    """4 pi / mu0 times B per ampere, summed over all segments. Points may be complex."""
     one, other = points[:, None] - start, points[:, None] - end
     far = np.sqrt((one**2).sum(axis=2)) + np.sqrt((other**2).sum(axis=2))
     product = np.sqrt((one**2).sum(axis=2) * (other**2).sum(axis=2))
@@ -122,7 +124,7 @@ def _segments(points: Array, start: Array, end: Array) -> Array:
     apart = 2 * (product + (one * other).sum(axis=2))
     cross = np.cross((end - start) / length[:, None], one)
     on_line = np.abs(cross.real).max(axis=2) < 1e-15 * length
-    # On the line itself the field is infinite; on its continuation it is none.
+    # On the segment the field is infinite; on its continuation it is zero.
     within = (one.real * other.real).sum(axis=2) <= 0
     size = np.where(on_line, np.where(within, np.nan, 0.0), 2 * length * far / (product * apart))
     return (size[:, :, None] * cross).sum(axis=1)
@@ -140,7 +142,7 @@ def sheet_of(source: AirSource) -> tuple[Array, Array]:
         along, side = corners[:, 2] - corners[:, 0], corners[:, 1] - corners[:, 0]
         area = np.linalg.norm(np.cross(side, along), axis=1)
         flat = area <= 1e-14 * (along**2).sum(axis=1)
-        # The current runs along the side from first to last corner, over the height of the third above it.
+        # The current runs parallel to the side from first to last corner, spread over the triangle's height.
         density = source.amperes * along / np.where(flat, 1.0, area)[:, None]
         return corners[~flat], density[~flat]
     corners = vertices[source.faces]
@@ -185,7 +187,7 @@ def _on_triangles(points: Array, corners: Array, normals: Array) -> NDArray[np.b
 
 
 def faces_of(source: AirSource) -> Array:
-    """Corners (m, 3, 3) of the surface of a magnet with plane faces, turning outward, or of one Triangle."""
+    """Corners (m, 3, 3) of the triangles of a magnet, counter-clockwise seen from outside, or of one Triangle."""
     if source.kind == "Cuboid":
         half = 0.5 * np.asarray(source.dimension)
         return _CUBE[_CUBE_FACES] * half
@@ -210,7 +212,7 @@ _CUBE_FACES: Index = np.array(
 
 
 def _charged(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
-    """Charges J . n on the faces, and J inside, where B = mu0 H + J."""
+    """Field of the charges J . n on the faces; inside the magnet J is added, as B = mu0 H + J."""
     corners = np.ascontiguousarray(faces_of(source))
     normals = _normals(corners)
     polarisation = np.asarray(source.polarization, dtype=float)
@@ -222,7 +224,7 @@ def _charged(source: AirSource, points: Array, both: bool) -> tuple[Array, Array
 
 
 def _inside(points: Array, corners: Array) -> NDArray[np.bool_]:
-    """Whether points (n, 3) lie inside a closed surface (m, 3, 3): solid angle 4 pi, not 0."""
+    """Whether points (n, 3) lie inside a closed surface (m, 3, 3): its solid angle is then 4 pi, otherwise 0."""
     lower, upper = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     inside = ((points > lower) & (points < upper)).all(axis=1)
     candidates = np.flatnonzero(inside)
@@ -277,11 +279,11 @@ def _cylinder(source: AirSource, points: Array, both: bool) -> tuple[Array, Arra
     return turns * field, turns * gradient
 
 
-# ---- what magpylib computes ----
+# ---- fields from magpylib ----
 
 
 def magpylib_object(source: AirSource) -> Any:
-    """The source as an object of magpylib at the origin, not turned, or the object that it is."""
+    """The source as an object of magpylib at the origin, not rotated; for the kind "other" its `live` object."""
     if source.kind == OTHER:
         return source.live
     with needs("make", f"the field of a {source.kind}"):
@@ -294,7 +296,7 @@ def magpylib_object(source: AirSource) -> Any:
 
 
 def _by_magpylib(source: AirSource, points: Array, both: bool) -> tuple[Array, Array]:
-    """As magpylib computes it, which has to be finite."""
+    """Field of magpylib. Raises InputError where it is not finite."""
     thing = magpylib_object(source)
 
     def field(local: Array) -> Array:
@@ -311,8 +313,9 @@ def _by_magpylib(source: AirSource, points: Array, both: bool) -> tuple[Array, A
 def differenced(field: Callable[[Array], Array], points: Array, step: float) -> Array:
     """dB_i/dx_j (n, 3, 3) by central differences of fourth order.
 
-    Off by (step / distance from the surface)^4 and by rounding / step: with the step of `STEP` 1e-6 of the gradient a
-    tenth of the size from a magnet, 1e-5 at single points where magpylib's own B is rounded to 1e-8 only.
+    The relative error is about (step / distance from the surface)^4, plus the rounding error of B over the step. With
+    `STEP` it is 1e-6 at a tenth of a magnet's size from its surface, and 1e-5 at single points where magpylib's B has
+    an error of 1e-8.
     """
     offsets = np.array([-2.0, -1.0, 1.0, 2.0]) * step
     weights = np.array([1.0, -8.0, 8.0, -1.0]) / (12 * step)

@@ -33,24 +33,24 @@ NEEDS: dict[str, tuple[str, ...]] = {
     "Triangle": ("vertices", "polarization"),
     "Dipole": ("moment",),
 }
-"""What each kind of source is made of, by magpylib's names."""
+"""Attributes that each kind of source needs, by magpylib's names."""
 
 _KIND: Any = Literal.__getitem__(tuple(NEEDS))
 
 CURRENTS = ("Circle", "Polyline", "TriangleStrip", "TriangleSheet")
 OTHER = "other"
-"""Kind of a magpylib object of any other class, such as a CustomSource: it lives in Python only."""
+"""Kind of a magpylib object of any other class, such as a CustomSource, which no file can hold."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AirSource(Made):
     """A current or a magnet of one of magpylib's classes.
 
-    With the attributes that magpylib gives this kind, in SI.
+    The attributes are those of the magpylib class, in SI.
 
-    kind: the class in magpylib, or "other", for which `live` is the object itself and nothing else counts. dimension:
-    as in magpylib, of a CylinderSegment inner radius, outer radius and height, with angles (2,), deg, beside it.
-    faces (m, 3): rows of vertices (n, 3). current in A, current_densities (m, 3) in A/m, polarization (3,) in T, moment
+    kind: the class in magpylib, or "other": then only `live`, the magpylib object itself, is used. dimension: as in
+    magpylib, but for a CylinderSegment inner radius, outer radius and height, with separate angles (2,), deg. faces
+    (m, 3): numbers of vertices (n, 3). current in A, current_densities (m, 3) in A/m, polarization (3,) in T, moment
     (3,) in A m^2.
     """
 
@@ -90,13 +90,13 @@ class AirSource(Made):
 
     @property
     def is_current(self) -> bool:
-        """Whether it is a current, or an object of another class that a coil drives."""
+        """Whether it is a current, not a magnet or an object of another class."""
         return self.kind in CURRENTS
 
     @property
     def extents(self) -> Array:
-        """Extents (3,), m, along the local axes; of a hollow solid the wall counts. Of an object of an unknown class
-        1 mm."""
+        """Extents (3,), m, along the local axes. A CylinderSegment has its diameter, wall and height, an object of
+        another class 1 mm."""
         if self.kind == "CylinderSegment":
             inner, outer, height = np.asarray(self.dimension)
             return np.array([2 * outer, outer - inner, height])
@@ -109,7 +109,7 @@ class AirSource(Made):
 
     @property
     def amperes(self) -> float:
-        """The current, A; 0 of what has none."""
+        """The current, A; 0 for a source without one."""
         return 0.0 if self.current is None else self.current
 
 
@@ -143,7 +143,7 @@ _FEWEST = {"Polyline": 2, "TriangleStrip": 3, "Tetrahedron": 4, "Triangle": 3}
 
 
 def _fault(keys: AirSourceKeys) -> tuple[str, str, str] | None:
-    """What must hold, what was received, and the remedy, of numbers that do not fit together."""
+    """What must hold, what was received, and the remedy, for numbers that do not fit together."""
     size = _SIZES.get(keys.type)
     if size is not None and keys.dimension_mm is not None and len(keys.dimension_mm) != size:
         return f"dimension_mm of a {keys.type} has {size} numbers", f"{len(keys.dimension_mm)}", "correct it"
@@ -178,11 +178,11 @@ _AXES = {
     **dict.fromkeys(("dimension", "polarization", "moment"), 1),
     **dict.fromkeys(("vertices", "current_densities"), 2),
 }
-"""Axes of an attribute without a path."""
+"""Array axes of an attribute at one pose; a path adds one."""
 
 
 def sources_of(model: Any) -> list[AirSource]:
-    """The sources of a model. Raises InputError for what is no source, and for a model without any."""
+    """The sources of a model. Raises InputError for an object that is no source, and for a model without sources."""
     problems: list[Problem] = []
     sources = [source_of(thing, problems) for thing in leaves(model)]
     if problems or not sources:
@@ -192,7 +192,8 @@ def sources_of(model: Any) -> list[AirSource]:
 
 
 def per_ampere(source: AirSource, nominal: float | None) -> AirSource:
-    """A source with its share of a current, A; None where no current is known: 1 A in each."""
+    """A source with its current or current densities divided by a nominal current, A; without one its current is 1 A,
+    and its current densities stay."""
     if source.current is not None:
         return replace(source, current=1.0 if nominal is None else source.current / nominal)
     if source.current_densities is not None and nominal is not None:
@@ -201,7 +202,7 @@ def per_ampere(source: AirSource, nominal: float | None) -> AirSource:
 
 
 def leaves(model: Any) -> Iterable[Any]:
-    """All sources of a Collection, nested ones too, of a sequence, or the source itself; sensors are left out."""
+    """All sources of a Collection (nested ones, too) or of a sequence, or the source itself, without sensors."""
     if hasattr(model, "sources_all"):
         return list(model.sources_all)
     if isinstance(model, list | tuple):

@@ -1,8 +1,7 @@
-"""Files and geometry of other programs are read and meshed by another process first: libraries in C++ may end the
-process that they run in, or never answer it.
+"""Trial reads of other programs' files in a separate process, since C++ libraries may crash or hang the process.
 
-That it goes well there does not say that it goes well here: on some damaged STEP files the CAD kernel loops for ever in
-one of some hundred runs, by what stood in memory before. So the other process may hand over what the file holds.
+A file that was read there may still fail here: on some damaged STEP files the CAD kernel hangs in about one of a
+hundred runs, depending on the state of the memory. The separate process can therefore return the contents of the file.
 """
 
 import functools
@@ -12,9 +11,9 @@ import tempfile
 from pathlib import Path
 
 MEMORY_BYTES, MEMORY_TIMES = 1 << 30, 400
-"""What a reader may ask for: a part, and that many times the size of the file."""
+"""Memory that a reader may allocate after its imports: `MEMORY_BYTES` plus `MEMORY_TIMES` times the file's size."""
 LONGEST_S, SIZE_OF_A_SECOND = 30, 20_000
-"""What it may take: so many seconds, and one more for each of so many bytes."""
+"""Time limit of a reader: `LONGEST_S` seconds, plus one second for each `SIZE_OF_A_SECOND` bytes of the file."""
 
 _BEFORE = f"""
 import os, sys
@@ -34,11 +33,11 @@ def limit():
 def run_by_another(
     program: str, *arguments: str, longest: float | None = None
 ) -> subprocess.CompletedProcess[bytes] | None:
-    """The end of another process that runs a program of Python; None where no process can be started here.
+    """Result of a Python program that is run in another process; None where no process can be started.
 
-    longest: seconds after which it is ended, which raises subprocess.TimeoutExpired.
+    longest: seconds after which the process is killed and subprocess.TimeoutExpired raised.
     """
-    # -P: modules of the working folder are not taken for those of the program.
+    # -P: the program does not import modules from the working folder.
     command = [sys.executable, "-P", "-c", program, *arguments]
     try:
         return subprocess.run(
@@ -49,16 +48,16 @@ def run_by_another(
 
 
 def crashed(done: subprocess.CompletedProcess[bytes]) -> bool:
-    """Whether a process ended by a signal; on Windows by a number beyond those of exits."""
+    """Whether a process was ended by a signal, or on Windows with an exit code outside of 0 to 255."""
     return not 0 <= done.returncode <= 255
 
 
 def read_by_another(path: Path, program: str) -> bytes | None:
-    """What a program writes of the file at `path`, run once for each state of the file; None where it writes nothing.
+    """Output of a program that reads the file at `path`, cached until the file changes; None without output.
 
-    program: Python that reads `path`, calls limit() when it has imported what it needs, and writes to the file `out`.
-    What it raises ends it. Raises ValueError where its process crashes, does not end, or asks for more memory than
-    `MEMORY_BYTES` and `MEMORY_TIMES` the size of the file; on other systems than Linux the memory is not limited.
+    program: Python that reads `path`, calls limit() after its imports, and writes to the file `out`; if it raises, the
+    result is None. Raises ValueError where its process crashes, exceeds the time limit, or exceeds the memory limit,
+    which holds on Linux only.
     """
     about = path.stat()
     told, written = _read(path.resolve(), program, about.st_mtime_ns, about.st_size)

@@ -1,4 +1,4 @@
-"""A field that is everywhere and that nothing in the device drives: uniform, or with a uniform gradient."""
+"""A field that no current of the device drives: uniform, with a uniform gradient, or of sources in air."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _FIVE = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2))
 
 
 def gradient_tensor(values: Array) -> Array:
-    """dB_i/dx_j (3, 3) from itself or from its five independent entries (5,): dBx/dx, dBx/dy, dBx/dz, dBy/dy, dBy/dz.
+    """dB_i/dx_j (3, 3), given whole or by its five independent entries: dBx/dx, dBx/dy, dBx/dz, dBy/dy, dBy/dz.
 
     >>> gradient_tensor(np.array([1.0, 0.0, 0.0, 1.0, 0.5])).tolist()
     [[1.0, 0.0, 0.0], [0.0, 1.0, 0.5], [0.0, 0.5, -2.0]]
@@ -50,7 +50,7 @@ Gradient = Annotated[list[Any], Field(json_schema_extra=_GRADIENT)]  # type: ign
 
 
 def _require_field(value: list[Any] | None, info: ValidationInfo) -> None:
-    """Raise unless the entries are those of a field without sources."""
+    """Raise unless the gradient is symmetric and without trace, as that of a field in a source-free region."""
     if value is None:
         return
     flat = [one for row in value for one in (row if isinstance(row, list) else [row])]
@@ -75,14 +75,13 @@ def _require_field(value: list[Any] | None, info: ValidationInfo) -> None:
 class Background(Made):
     """A field that no current of the device drives: uniform, with a uniform gradient or without, and sources in air.
 
-    For example that of the earth or of magnets that nothing changes.
+    Examples are the fields of the earth and of magnets with fixed magnetisation.
 
     B(x) = flux_density + gradient (x - centre) + the fields of `sources`: flux_density (3,) in T; gradient dB_i/dx_j in
     T/m, (3, 3), symmetric and without trace as outside of all currents, or its five entries dBx/dx, dBx/dy, dBx/dz,
     dBy/dy, dBy/dz; None for a uniform field; centre (3,) in m; sources: magnets of fixed magnetisation and other
-    sources in air (`fieldmap.device.air_sources`), which must lie outside of all bodies (a solver checks this), and on
-    which no force is known.
-    It magnetises the iron of the device, and it acts on everything in it.
+    sources in air (`fieldmap.device.air_sources`). Sources must lie outside of all bodies (a solver checks this), and
+    the force on them is not computed. The background magnetises the iron and acts on everything in the device.
 
     >>> earth = Background([0.0, 20e-6, -44e-6])
     >>> print(earth.field(np.zeros((1, 3)))[0].tolist())
@@ -137,13 +136,13 @@ class Background(Made):
         Raises
         ------
         InputError
-            For what is no source.
+            For an object that is no source.
         """
         return cls(sources=tuple(sources_of(model)), **options)
 
     @property
     def unwritten(self) -> bool:
-        """Whether a file cannot hold it: an object of a class that is not among magpylib's kinds."""
+        """Whether a file cannot hold it, because a source is of the kind "other"."""
         return any(source.live is not None for source in self.sources)
 
     @property
@@ -225,10 +224,10 @@ class Background(Made):
         bool
             True if it is.
         """
-        if self.sources:  # their symmetry is not looked at
+        if self.sources:  # their symmetry is not examined: only the identity counts
             return bool(np.array_equal(matrix, np.eye(3)) and not np.any(offset))
         handedness = np.sign(np.linalg.det(matrix))
-        # A linear function is known by its values at four points; the last three, a metre from the first.
+        # Values at four points determine a linear function.
         places = np.vstack([np.zeros(3), np.eye(3)])
         moved = self.field(places @ matrix.T + offset)
         image = handedness * self.field(places) @ matrix.T

@@ -19,12 +19,15 @@ Settings = Iterable[tuple[str, Any]]
 
 
 def changed(document: Document, settings: Settings) -> Document:
-    """The document with some keys set; a whole number stays one where both are.
+    """The document with some keys set. A float without fraction replaces a whole number as a whole number.
 
-    What follows from parameters is computed anew, before other keys are set. A key that the document lacks is passed
-    over; `key_finding` tells of it.
+    Parameters are set first, and values that depend on them are computed anew. A key that the document lacks is
+    ignored; `key_finding` reports it.
     """
     settings = list(settings)
+    stated = {
+        key: [value_at(document.data, place) for place in matches(document.data, key)] for key, _ in settings
+    }
     parameters = _parameters(document, settings)
     if parameters and document.raw is not None:
         document = expand(document.raw, parameters)
@@ -41,11 +44,13 @@ def changed(document: Document, settings: Settings) -> Document:
             table[location[-1]] = int(value) if whole else value
             computed.pop(location, None)
             places[location] = (given, location)
-    return replace(document, data=data, origins=places, computed=computed, changes=dict(settings))
+    return replace(
+        document, data=data, origins=places, computed=computed, changes=dict(settings), stated=stated
+    )
 
 
 def with_changes(document: Document, changes: Mapping[str, Any]) -> Document:
-    """The document with keys set that it has. Raises DeviceFileError with one Problem for every key that it lacks."""
+    """The document with existing keys set. Raises DeviceFileError with one Problem for every key that it lacks."""
     if not isinstance(changes, Mapping) or not all(isinstance(key, str) for key in changes):
         must_hold = "must be a mapping of key paths to values"
         remedy = 'write for instance {"parameters.gap": 120.0}'
@@ -57,13 +62,13 @@ def with_changes(document: Document, changes: Mapping[str, Any]) -> Document:
     wrong += [key_finding((key,), key, after, arrays=True) for key in changes if key not in parameters]
     found = [finding for finding in wrong if finding is not None]
     if found:
-        # Tied to the document without lines: what is wrong is the key, which no line of it has.
+        # Reported without a line, since no line of the document has the wrong key.
         raise DeviceFileError(*Document(document.path, "", {}).problems(found))
     return changed(document, changes.items())
 
 
 def key_finding(location: Location, key: str, document: Document, arrays: bool = False) -> Finding | None:
-    """What is wrong with a key to set: the document lacks it, or it holds a table. location: where it is told.
+    """The finding for a key that cannot be set: the document lacks it, or it holds a table. location: of the finding.
 
     arrays: whether a key that holds an array of numbers or texts may be set.
     """
@@ -95,7 +100,7 @@ def _is_parameter(key: str) -> bool:
 
 
 def _parameters(document: Document, settings: Settings) -> dict[str, Any]:
-    """Values of the parameters that are set, by name; of a list with one entry set, the whole list."""
+    """Values of the parameters that are set, by name; the whole list if one of its entries is set."""
     given: dict[str, Any] = {}
     for pattern, value in settings:
         for location in matches(document.data, pattern) if _is_parameter(pattern) else ():

@@ -1,6 +1,6 @@
 """Rules that tie one table of a device file to another.
 
-They look at the raw data, so that they speak even where the schema has already found something else wrong.
+The rules read the raw data, and therefore also apply to a file in which the schema has found other errors.
 """
 
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ from fieldmap.shipped import is_file
 def cross_findings(data: dict[str, Any], folder: Path, missing: set[str]) -> list[Finding]:
     """Everything wrong between the tables of a device file in `folder`.
 
-    missing: dotted paths of required keys that are already known to be missing; their sources are no mistake.
+    missing: dotted paths of required keys that are known to be missing; `provenance` may name them.
     """
     found = [
         finding for key in ("body", "coil", "section", "sensor") for finding in _duplicate_names(data, key)
@@ -78,7 +78,7 @@ def _pieces_of_no_iron(data: dict[str, Any]) -> Iterator[Finding]:
 
 
 def _names_of_no_body(data: dict[str, Any], array: str, key: str, patterns: bool) -> Iterator[Finding]:
-    """Names in a list of sections or joints that no body has. patterns: whether * and ? stand for several."""
+    """Names in a list of sections or joints that no body has. patterns: whether * and ? are wildcards."""
     known = [name for _, table in tables(data, "body") if isinstance(name := table.get("name"), str)]
     for location, table in tables(data, array):
         names = table.get(key)
@@ -107,7 +107,7 @@ def _numbers_of_currents(data: dict[str, Any]) -> Iterator[Finding]:
 
 
 def _drives_without(data: dict[str, Any]) -> Iterator[Finding]:
-    """What the drive of the coils needs and the file does not have."""
+    """A finding where the file lacks something that the drive of the coils needs."""
     driver = data.get("driver")
     if isinstance(driver, dict):
         chosen = {

@@ -18,8 +18,8 @@ _ROLES = {
 def data_sheet(path: Path) -> Any:
     """The keys of the curve in a data sheet.
 
-    Columns are recognised by their names, and their units by what follows the names; H is in A/m and B in T where the
-    file does not say. Of a file without names the first of two columns is H. Raises InputError with every mistake.
+    Columns are recognised by their names, and units by the text after the names. Without a unit, H is in A/m and B in
+    T. In a file without names the first of two columns is H. Raises InputError with every mistake.
     """
     table = read_columns(path, least=2)
     if table.named:

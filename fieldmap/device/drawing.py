@@ -1,4 +1,4 @@
-"""Outlines of a machine without any program for pictures: triangles, and a small picture as SVG for notebooks."""
+"""Outlines of a machine as triangles, and as a small SVG picture for notebooks, without a plotting library."""
 
 import math
 from dataclasses import dataclass
@@ -22,10 +22,10 @@ _IRON, _COPPER = "#9aa5b1", "#d08b5b"
 
 
 def small_picture(bodies: tuple[Body, ...], coils: tuple[Coil, ...]) -> str:
-    """Outlines of bodies and windings in the x-y plane and in the x-z plane, to one scale; "" for nothing to draw, and
-    without scipy, which finds the outlines: a card in a notebook then has no picture.
+    """SVG picture of bodies and windings in the x-y and x-z planes, to one scale; "" if there is nothing to draw, or if
+    scipy, which finds the outlines, is not installed.
 
-    Outlines are convex: bores and notches are not seen. Bodies from STEP files are left out.
+    Outlines are convex: bores and notches do not show. Bodies from STEP and mesh files are left out.
     """
     things = [(_IRON, points) for body in bodies for points in map(part_points, body.parts) if len(points)]
     things += [(_COPPER, winding_outline(coil).points) for coil in coils]
@@ -66,7 +66,7 @@ class Outline(Record):
 
 
 def winding_outline(coil: Coil) -> Outline:
-    """The surface of a winding; filaments as thin tubes, sheets as they are."""
+    """The surface of a winding; thin tubes for filaments, triangles for sheets."""
     if not coil.has_winding:
         parts = [source_outline(source) for source in coil.filaments]
         shifts = np.cumsum([0, *(len(part.points) for part in parts)])
@@ -90,8 +90,8 @@ def winding_outline(coil: Coil) -> Outline:
 
 
 def source_outline(source: AirSource) -> Outline:
-    """A current or magnet of magpylib's kinds: filaments as thin tubes, sheets as they are, magnets as convex shapes.
-    Of objects of other classes a point, as three equal ones."""
+    """A current or magnet that magpylib has: filaments as thin tubes, sheets as triangles, magnets as convex shapes. An
+    object of another class is one triangle of three equal points."""
     triangles = np.array([[0, 1, 2]])
     if source.kind == "Circle":
         points, triangles = _tube(source.diameter / 2 * _circle(3 * ROUND))  # type: ignore[operator]
@@ -146,11 +146,8 @@ def _tube(line: Array) -> tuple[Array, Index]:
 
 
 def body_outlines(bodies: tuple[Body, ...], magnets: tuple[str, ...] = ()) -> tuple[Outline, ...]:
-    """Convex outlines of the parts of bodies: bores and notches are not seen, and bodies from STEP and mesh
-    files left out.
-
-    magnets: names of those that are permanent magnets.
-    """
+    """Convex outlines of the parts of bodies: bores and notches do not show. Bodies from STEP and mesh files are left
+    out. magnets: names of the bodies that are permanent magnets."""
     outlines = []
     for body in bodies:
         kind = "magnet" if body.name in magnets else "iron"
@@ -167,7 +164,7 @@ def box_outline(name: str, lower: Array, upper: Array) -> Outline:
 
 
 def part_points(part: Part) -> Array:
-    """Points (n, 3), m, whose convex hull is that of a part; none of a STEP or mesh file or of what is cut."""
+    """Points (n, 3), m, with the convex hull of a part; none for a STEP or mesh file, or for a part that is cut out."""
     if part.operation != "add":
         return np.zeros((0, 3))
     return part.placement.to_device(part.shape.hull())
@@ -188,5 +185,5 @@ def _hull(points: Array) -> Array:
 
 
 def _spatial() -> ModuleType:
-    # Here: reading a device or a map, which are rarely drawn, would take longer, and needs no scipy.
+    # Imported on use: reading a device or a map does not need scipy, whose import takes long.
     return require("scipy.spatial", "plot", "outlines")

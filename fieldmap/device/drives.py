@@ -1,5 +1,5 @@
-"""The drive of coils, chosen by the same keys in device and scenario files; a controller of the current, a bridge; how
-windings warm up. docs/theory/electrical.md."""
+"""The drive of coils, chosen by the same keys in device and scenario files: controller of the current, bridge, and
+warming of the windings. docs/theory/electrical.md."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ def _above_ambient(limit: float | None, info: ValidationInfo) -> None:
 
 @dataclass(frozen=True, repr=False)
 class CurrentController(Record):
-    """A PI controller for the current of each coil: voltage = P (asked - current) + I times the integral of it.
+    """A PI controller for the current of each coil: voltage = P error + I times the integral of the error.
 
-    bandwidth: Hz, of the closed loop of a coil by itself, from which P = 2 pi bandwidth L and I = 2 pi bandwidth R
-    follow; or both gains: proportional, V/A; integral, V/(A s). At a limit of the supply the integral is that of the
-    reference which the limit allows (back-calculation).
+    bandwidth: Hz, of the closed loop of a coil by itself, which sets P = 2 pi bandwidth L and I = 2 pi bandwidth R; or
+    both gains: proportional, V/A; integral, V/(A s). While the supply limits the voltage, the integral takes the
+    reference that just needs this voltage (back-calculation).
     """
 
     bandwidth: Annotated[
@@ -88,11 +88,11 @@ class CurrentController(Record):
 
 @dataclass(frozen=True, repr=False)
 class Bridge(Record):
-    """An H-bridge at each coil, as its mean over periods of the PWM: voltage = duty times supply, less what it loses.
+    """An H-bridge at each coil, averaged over PWM periods: voltage = duty times supply, minus the loss of the bridge.
 
-    frequency: of the PWM, Hz; dead_time: s, of each of both legs: they lose 2 dead_time frequency supply against the
-    current; drop: V, of the two switches that conduct, against the current. ripple: A, half of the swing of the current
-    in a period: within it the loss is in proportion to the mean current.
+    frequency: of the PWM, Hz; dead_time: s, of each leg; the two legs lose 2 dead_time frequency supply, against the
+    current; drop: V, of the two conducting switches, against the current. ripple: A, half of the peak-to-peak current
+    ripple; the loss is proportional to the mean current where that is smaller than the ripple.
     """
 
     frequency: Annotated[Positive, Key(..., "of the PWM", "kHz")]
@@ -106,7 +106,7 @@ class Bridge(Record):
         check_fields(self)
 
     def loss(self, supply: float) -> float:
-        """Mean voltage that it loses against the current.
+        """Mean loss of voltage, against the current.
 
         Parameters
         ----------
@@ -123,10 +123,11 @@ class Bridge(Record):
 
 @dataclass(frozen=True, repr=False)
 class Heating(Record):
-    """How windings warm up, all alike: one temperature each, with a resistance to the surroundings.
+    """Warming of windings: each has one temperature, and all have the same constants.
 
-    thermal_resistance: K/W; thermal_capacity: J/K; coefficient: of the resistance, 1/K, at the reference temperature,
-    degC, to which the given resistance belongs; ambient: degC, also at the start; limit: degC.
+    thermal_resistance: of a winding to the surroundings, K/W; thermal_capacity: J/K; coefficient: of the resistance,
+    1/K, at `reference`, degC, the temperature of the stated resistance; ambient: degC, also the temperature at the
+    start; limit: highest permitted temperature, degC.
     """
 
     thermal_resistance: Annotated[Positive, Key(..., "of a winding to the surroundings", "K_per_W")]
@@ -156,7 +157,7 @@ class Heating(Record):
         Returns
         -------
         float
-            s; infinite where the winding never becomes so hot.
+            s; infinite where the winding never reaches the limit.
 
         Raises
         ------
@@ -181,8 +182,8 @@ class Heating(Record):
 
         if np.isinf(self.limit) or min(rate(self.ambient), rate(self.limit)) <= 0.0:
             return float(np.inf)
-        # The time is the integral of 1 / rate over the temperature, by Gauss's rule in the logarithm of a rate that
-        # falls evenly, in which it is smooth near the limit, too.
+        # The time is the integral of 1 / rate over the temperature. The variable of Gauss's rule is the logarithm of a
+        # rate that falls linearly with the temperature, in which the integrand is smooth near the limit, too.
         nodes, weights = np.polynomial.legendre.leggauss(32)
         fall = float(np.log(rate(self.limit) / rate(self.ambient))) or 1e-9
         shares, span = 0.5 * (1.0 + nodes), (self.limit - self.ambient) / np.expm1(fall)
@@ -194,8 +195,8 @@ class Heating(Record):
 class DriveChoice(Record):
     """The drive that a device or a scenario names.
 
-    mode: None for that of the device in a scenario, and for "ideal" in a device. controller, bridge, heating: None for
-    those of the device, or none. slope: of what is asked for, A/s, or V/s of voltages.
+    mode: None takes the mode of the device in a scenario, and "ideal" in a device. controller, bridge, heating: None
+    takes those of the device, if any. slope: fastest change of the reference, A/s for currents, V/s for voltages.
     """
 
     mode: Annotated[
@@ -245,7 +246,7 @@ class DriveChoice(Record):
 def lacking(
     chosen: Mapping[str, Any], supply: Any, without: Sequence[str]
 ) -> tuple[str, str, str, str] | None:
-    """What a chosen drive needs and does not have, for device and scenario files.
+    """The first requirement of a chosen drive that is not met, for device and scenario files.
 
     Parameters
     ----------
@@ -259,8 +260,7 @@ def lacking(
     Returns
     -------
     tuple[str, str, str, str] | None
-        The key beside which something is missing, what must hold, what was received, and the remedy; None if nothing
-        is.
+        The key of the finding, what must hold, what was received, and the remedy; None if nothing is missing.
     """
     mode = chosen["mode"]
     if mode not in COUPLED:

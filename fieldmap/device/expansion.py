@@ -72,7 +72,7 @@ def _has_short_forms(data: Any) -> bool:
 
 
 def _layers(document: Document, problems: list[Problem], above: tuple[Path, ...]) -> list[Document]:
-    """The files that a document includes, each before the one that includes it, and the document itself."""
+    """The document and the files that it includes, in order: each file comes before the one that includes it."""
     given = document.data.get("include", [])
     names = [given] if isinstance(given, str) else given
     layers: list[Document] = []
@@ -106,7 +106,7 @@ def _layers(document: Document, problems: list[Problem], above: tuple[Path, ...]
 
 
 def _with_files_from(data: Any, folder: Path, main: Path) -> Any:
-    """Data of an included file. Names of files beside it, but not in `main`, become paths relative to `main`."""
+    """Data of an included file. Names of files that lie in its folder, but not in `main`, become relative to `main`."""
     if isinstance(data, list):
         return [_with_files_from(one, folder, main) for one in data]
     if not isinstance(data, dict):
@@ -140,7 +140,7 @@ class _Expansion:
     # ---- parameters ----
 
     def parameters(self, layers: Sequence[Document], given: Mapping[str, Value]) -> None:
-        """Compute all parameters. Those of a file replace those of the files that it includes."""
+        """Compute all parameters. A file's parameters replace those of the same name in the files that it includes."""
         raw: Table = {}
         for layer in layers:
             table = layer.data.get("parameters", {})
@@ -441,7 +441,7 @@ class _Expansion:
 
     def _reflect(self, table: Table, axis: int, here: Location) -> None:
         """Reflect a shape or winding that is not symmetric. Wrong keys stay; the schema refuses them later."""
-        # The str() of a value that is no text names no shape.
+        # A value that is not a text becomes a str that names no shape.
         keys = SHAPE_KEYS.get(str(table.get("shape"))) or COIL_KEYS.get(str(table.get("kind")))
         own = {key: value for key, value in table.items() if keys is not None and key in keys.model_fields}
         if keys is None or schema_findings(keys, own):

@@ -1,4 +1,4 @@
-"""Base of the data classes that users make machines of: wrong arguments are told like wrong keys of a file."""
+"""Base class of the parts of a machine: wrong arguments are reported like wrong keys of a file."""
 
 import dataclasses
 import inspect
@@ -23,7 +23,7 @@ _signature = cache(inspect.signature)
 
 
 class _PlainSignature:
-    """What `help` and editors show of a class: what a file says of a field is no business of callers."""
+    """The signature that `help` and editors show, without the annotations for keys of files."""
 
     def __get__(self, _: object, cls: type) -> inspect.Signature:
         whole = _signature(cls.__init__)  # type: ignore[misc]
@@ -57,7 +57,7 @@ class Made(Record, ABC):
     __signature__ = _PlainSignature()
 
     def __new__(cls, *arguments: Any, **named: Any) -> Self:
-        """Raises InputError for arguments that the data class does not have, and without those that it needs."""
+        """Raises InputError for unknown and for missing arguments."""
         try:
             given = _signature(cls.__init__).bind(None, *arguments, **named).arguments
         except TypeError as error:
@@ -71,12 +71,11 @@ class Made(Record, ABC):
         return super().__new__(cls)
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        # Of the protocols the one that makes an object without `__new__`, which asks for arguments.
+        # Protocol 1 makes an object without a call of `__new__`, which requires arguments.
         return super().__reduce_ex__(1)
 
     def __post_init__(self) -> None:
-        """Lists and tuples in the place of arrays become arrays that nobody changes, where they are numbers; texts in
-        the place of paths become paths."""
+        """Lists and tuples of numbers become read-only arrays, and texts become paths, in fields of these types."""
         for name in _fields_of_type(type(self), Path):
             value = getattr(self, name)
             if isinstance(value, str | os.PathLike):
@@ -88,7 +87,7 @@ class Made(Record, ABC):
             try:
                 array = np.array(value, dtype=np.float64)
             except (TypeError, ValueError, OverflowError):
-                continue  # told when a device is made of it
+                continue  # reported when a device is made of it
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 

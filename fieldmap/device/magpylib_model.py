@@ -1,9 +1,9 @@
 """A device of a magpylib model: currents become coils, soft objects iron, magnets bodies or a background.
 
-An object is soft, or a magnet that its surroundings change, where it or a Collection that holds it has a
-`susceptibility`, as magpylib-material-response attaches it: J = polarization + susceptibility mu0 H. A material of this
-package in its place, or an object with arrays H and B, stands for a curve. A magnet without any is one of fixed
-magnetisation: its field is part of the background, computed exactly, and nothing changes it.
+An object becomes a body if it or a Collection that holds it has a `susceptibility`, as in magpylib-material-response:
+J = polarization + susceptibility mu0 H. For a B-H curve, `susceptibility` is a material of this package or an object
+with arrays H and B. A magnet without a susceptibility has a fixed magnetisation, and its exact field is part of the
+background.
 """
 
 import re
@@ -26,6 +26,7 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.inputs.document import schema_findings
 from fieldmap.typing import Array
 
+# Elements along the largest extent of a body; element edge over the size of the first layer at sharp edges.
 _MESH, _LAYER = 5.0, 4.0
 
 
@@ -38,17 +39,16 @@ def device_arguments(
     coils: str = "each",
     **more: Any,
 ) -> dict[str, Any]:
-    """What `Device` takes for a magpylib source, a Collection, or a sequence of them, at the last pose of their paths.
+    """Arguments of `Device` for a magpylib source, a Collection, or a sequence of them, at the last pose of the paths.
 
-    materials: a material, susceptibility or curve for objects or Collections by their `style.label`; it counts before
-    their own `susceptibility`. mesh_size: largest element edge, m, of all bodies or by label; a fifth of the body's
-    largest extent if not given, and no more than its smallest. coils: "each" makes a coil of every current,
-    "collections" one of all currents that one Collection holds directly, driven together. more: other arguments of
-    `Device`, such as `workspace`.
+    materials: a material, susceptibility or curve for objects or Collections by their `style.label`, in place of their
+    own `susceptibility`. mesh_size: largest element edge, m, of all bodies or by label; a fifth of the body's largest
+    extent if not given, and no more than its smallest. coils: "each" makes a coil of every current, "collections" one
+    coil of the currents that a Collection holds directly. more: other arguments of `Device`, such as `workspace`.
 
     Coils and bodies are named by label, or by class and number. A coil's field is that of 1 A;
     `Device.nominal_currents` are the currents of the model. Sensors are left out. Raises InputError with one Problem
-    for everything that cannot be taken.
+    for every object that cannot be converted.
 
     >>> import fieldmap as fm
     >>> import magpylib
@@ -101,7 +101,7 @@ def device_arguments(
 
 
 class _Found:
-    """What has been found of a model so far."""
+    """The coils, bodies, materials and problems found in a model so far."""
 
     def __init__(self, materials: dict[str, Any], mesh_size: float | Mapping[str, float] | None) -> None:
         self.materials, self.mesh_size = materials, mesh_size
@@ -128,7 +128,7 @@ class _Found:
         return None
 
     def named(self, thing: Any, allowed: str, gap: str) -> str:
-        """A name that nothing else has."""
+        """A name that is not in use yet."""
         label = getattr(thing.style, "label", None)
         word = re.sub(allowed, "_", str(label).strip()) if label else ""
         if word and word not in self._names:
@@ -141,7 +141,7 @@ class _Found:
         return f"{stem}{gap}{k}"
 
     def add_coil(self, members: list[tuple[Any, AirSource, bool]]) -> None:
-        """Currents that are driven together, each with its share of the first one that is not zero."""
+        """A coil of currents that are driven together, relative to the first one that is not zero."""
         first = next((source.current for _, source, _ in members if source.current), None)
         sources = [per_ampere(source, first) for _, source, _ in members]
         thing, _, together = members[0]
@@ -150,7 +150,7 @@ class _Found:
         self.coils.append(MagpylibCoil(name, tuple(sources), nominal_current=nominal))
 
     def add_body(self, thing: Any, source: AirSource, material: Any) -> None:
-        """A body of iron, or a magnet that its surroundings change."""
+        """A body of iron or of a magnet with a susceptibility."""
         label = getattr(thing.style, "label", None) or type(thing).__name__
         where = f"from_magpylib, {label}"
         try:
@@ -167,7 +167,7 @@ class _Found:
         self.bodies.append(Body(name, self._material(name, law), parts, size, size / _LAYER))
 
     def _material(self, name: str, law: Material) -> str:
-        """The name under which a law is entered: that of the first body of it."""
+        """The name of a law in `made`: the name of the first body that has it."""
         for known, other in self.made.items():
             if law is other or (
                 law.role != "magnet" and law.likeness is not None and law.likeness == other.likeness
@@ -178,7 +178,7 @@ class _Found:
 
 
 def _law(where: str, name: str, source: AirSource, given: Any) -> Material:
-    """The material that a susceptibility, curve or material stands for; `polarization` is its remanence."""
+    """The material for a susceptibility, a curve or a material; `polarization` is its remanence."""
     polarisation = np.asarray(source.polarization, dtype=float)
     remedy = "give a number, a material of fieldmap, or an object with arrays H and B"
     if isinstance(given, Material):
@@ -222,7 +222,7 @@ def _made(where: str, name: str, kind: str, **keys: Any) -> Material:
 
 
 def parts_of(where: str, source: AirSource) -> tuple[Part, ...]:
-    """The shapes of a body: magpylib's are centred, ours stand on z = 0."""
+    """The shapes of a body. Shapes of magpylib are centred; shapes of this package stand on z = 0."""
     at, size = source.placement, source.dimension
 
     def placed(down: float) -> Placement:
@@ -257,7 +257,7 @@ def parts_of(where: str, source: AirSource) -> tuple[Part, ...]:
 
 
 def _wedge(radius: float, first: float, last: float) -> Array:
-    """Polygon (n, 2) that covers the sector of a disk between two angles, deg, and whose sides leave the axis."""
+    """Polygon (n, 2) with a corner on the axis that covers the sector of a disk between two angles, deg."""
     count = max(2, int(np.ceil((last - first) / 45.0)) + 1)
     angles = np.radians(np.linspace(first, last, count))
     far = 1.2 * radius  # the middle of a chord of 45 deg: 1.11 radius

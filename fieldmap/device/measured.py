@@ -1,8 +1,8 @@
-"""What was measured on a machine: the frame of its vertical sensor, the current that lifts its magnet, and where the
-magnet came to rest over a direction signal.
+"""Measurements on a machine: zero of its vertical sensor, lift current, and equilibrium positions of its magnet over a
+direction signal.
 
-The numbers lie in geometry/measured/NAME.toml. A device is a description of the machine if its name begins with that of
-the machine and it has as many coils.
+The numbers lie in geometry/measured/NAME.toml. A device describes the machine if its name begins with the machine's
+name and both have the same number of coils.
 """
 
 import tomllib
@@ -17,8 +17,8 @@ from fieldmap.shipped import shipped_folder
 
 @dataclass(frozen=True, repr=False)
 class MeasuredShift(Record):
-    """Where a magnet came to rest, as x_mm (k,) over rising x_signals (k,) of `LiftAndDirections` with this n, a
-    controller keeping its vertical reading at reading_mm. zero_mm: what was read at signal 0. source: where printed."""
+    """Equilibrium positions x_mm (k,) of a magnet at rising x_signals (k,) of `LiftAndDirections` with this n, while a
+    controller held the vertical reading at reading_mm. zero_mm: x at signal 0. source: table of the publication."""
 
     n: float
     reading_mm: float
@@ -32,9 +32,9 @@ class MeasuredShift(Record):
 class MeasuredMachine(Record):
     """Measurements of one machine.
 
-    sensor_zero: z of the point at which the vertical sensor reads 0, m; readings in mm grow downward. readings_mm: at
-    which the lift current is stated. lift_slope, A/mm, and lift_at_zero, A: the current in each coil that lifts, as a
-    line over the reading. lift_source: where that line is printed. shifts: places over a direction signal.
+    sensor_zero: z of the point at which the vertical sensor reads 0, m; readings in mm grow downward. readings_mm:
+    readings for which summaries state the lift current. lift_slope, A/mm, and lift_at_zero, A: lift current in each
+    coil as a linear function of the reading; lift_source: its equation. shifts: positions over a direction signal.
     """
 
     device: str
@@ -109,7 +109,7 @@ def _machines() -> tuple[MeasuredMachine, ...]:
 
 
 def _shifts(tables: Sequence[Mapping[str, Any]]) -> tuple[MeasuredShift, ...]:
-    """The tables of a file; one that was not read at signal 0 counts from the first."""
+    """The shifts of a file; a table without a row at signal 0 takes the zero of the first table."""
     shifts: list[MeasuredShift] = []
     for table in tables:
         rows = dict(zip(table["x_signals"], table["x_mm"], strict=True))

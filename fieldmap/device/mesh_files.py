@@ -1,4 +1,4 @@
-"""Tetrahedra of mesh files: VTK's by pyvista, gmsh's and all others by meshio, which is an extra."""
+"""Tetrahedra of mesh files: pyvista reads VTK files; meshio reads those of gmsh and all others. Both are extras."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from fieldmap.typing import Array, Index
 
 _VTK = (".vtu", ".vtk")
 _SOLID_CELLS = ("tetra", "hexa", "wedge", "pyramid", "penta", "polyhedron", "voxel")
-# Numbers of cells that say what they belong to, as programs call them; the first that is there counts.
+# Names that programs give to the region numbers of cells; the first one that a file has is used.
 _TAGS = ("gmsh:physical", "body", "region", "medit:ref", "cell_tags", "gmsh:geometrical", "CellEntityIds")
 
 
-# Of VTK's files alone: meshio is Python, whose errors are caught.
+# A trial read in another process, for VTK files only: meshio is Python and cannot crash the process.
 _TRIAL = """
 # VTK loads it where it finds it, in half of the time that this takes, and reads without it.
 sys.modules["numpy"] = None
@@ -44,7 +44,7 @@ for k in range(grid.GetNumberOfCells() if grid else 0):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FileMesh(Record):
-    """points (n, 3) in the file's unit, tets (m, 4); higher_order: how many of them had nodes beside their corners."""
+    """points (n, 3) in the file's unit, tets (m, 4); higher_order: number of tetrahedra with more than four nodes."""
 
     points: Array
     tets: Index
@@ -53,7 +53,8 @@ class FileMesh(Record):
 
 @dataclass(frozen=True, eq=False)
 class _Cells:
-    """All tetrahedra of a file: tets (m, 4); regions: which belong to what, by name and by number."""
+    """All tetrahedra of a file: tets (m, 4); regions: numbers of the tetrahedra of each region, by its name or number;
+    others: counts and kinds of other solid cells."""
 
     points: Array
     tets: Index
@@ -65,9 +66,9 @@ class _Cells:
 def read_mesh(path: Path, region: str | None = None) -> FileMesh:
     """The tetrahedra of a mesh file, or those of one region of it: a gmsh group, a set of cells, or a number.
 
-    Nodes in one place become one, nodes of no tetrahedron are left out, lines and surfaces are passed over; of
-    tetrahedra with more than four nodes the corners are taken. Raises InputError for a file that cannot be read, has
-    other cells of volume, has no tetrahedra, lacks the region, or fills no solid, FieldmapError without meshio.
+    Coincident nodes are merged; unused nodes, lines and surfaces are left out; tetrahedra with more than four nodes are
+    reduced to their corners. Raises InputError for a file that cannot be read, has other solid cells, has no
+    tetrahedra, lacks the region, or fills no solid, and FieldmapError if the library that reads it is missing.
     """
     try:
         about = path.stat()
@@ -101,7 +102,7 @@ def _read_mesh(path: Path, region: str | None, changed: int, size: int) -> FileM
 
 
 def _used(points: Array, tets: Index) -> tuple[Array, Index]:
-    """The points of these tetrahedra, those in one place once, in the order of the file."""
+    """The points of these tetrahedra in the order of the file, coincident ones merged, and the new tetrahedra."""
     if not len(tets) or tets.min() < 0 or tets.max() >= len(points):
         return points, tets
     numbers, places = np.unique(tets, return_inverse=True)
@@ -122,7 +123,7 @@ def _cells(path: Path, changed: int, size: int) -> _Cells:
             return _of_vtk(path)
         except FieldmapError:
             raise
-        # Readers end in what comes: KeyError, IndexError, struct.error; meshio prints its reason and leaves.
+        # Readers fail with any exception, such as KeyError or struct.error; meshio prints its reason and exits.
         except (Exception, SystemExit) as error:
             reason = printed.getvalue() if isinstance(error, SystemExit) else str(error)
             kind = "" if isinstance(error, SystemExit) else type(error).__name__
@@ -137,7 +138,7 @@ def _cells(path: Path, changed: int, size: int) -> _Cells:
 
 @contextlib.contextmanager
 def _silence() -> Iterator[io.StringIO]:
-    """What readers print, for the error."""
+    """Capture the output of readers, for the error."""
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed), warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -217,7 +218,7 @@ def _of_vtk(path: Path) -> _Cells:
 
 
 def _numbers(blocks: list[Any]) -> Index | None:
-    """Whole numbers of all tetrahedra; None of fields and vectors."""
+    """Cell data of all tetrahedra as whole numbers; None for vectors and for other numbers."""
     values = (
         np.concatenate([np.zeros(0), *map(np.asarray, blocks)]) if all(b.ndim == 1 for b in blocks) else None
     )

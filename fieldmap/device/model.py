@@ -82,6 +82,8 @@ from fieldmap.records import FrozenDict, card
 
 _EMPTY: Mapping[str, str] = FrozenDict({})
 BACKGROUND, DRIVER, JOINT, SECTION, SENSOR = map(table_of, (Background, Driver, Joint, Section, FieldSensor))
+CHANGED = "# Changed as it was read: "
+"""What the text of a device begins with, of whose file keys were set to other values; which ones follows."""
 _SEQUENCES = ("coils", "bodies", "references", "sections", "joints", "sensors")
 
 
@@ -91,7 +93,7 @@ class Device(Made):
 
     title: one line about the device; "" stands for the name. materials: by the names that bodies use; a material with
     another name is renamed. background: a field that nothing in the device drives. joints: thin gaps between bodies
-    that touch. sensors: what reads the flux density. provenance: source of each number, by its key path in the file.
+    that touch. sensors: of the flux density. provenance: source of each number, by its key path in the file.
     Map files record `text` and `included`: `text` is the file as read, or the text of `to_toml`; `included` maps each
     file that it names to its text (material files) or to "sha256:..." of its bytes (STEP and mesh files).
 
@@ -236,7 +238,7 @@ class Device(Made):
 
     @property
     def nominal_currents(self) -> dict[str, float]:
-        """Current of each coil in its original model, A, by the coil's name; only of coils that have one."""
+        """Current of each coil in its original model, A, by the coil's name; only for coils that have one."""
         known = {coil.name: getattr(coil, "nominal_current", None) for coil in self.coils}
         return {name: current for name, current in known.items() if current is not None}
 
@@ -279,6 +281,18 @@ class Device(Made):
     def texts(self) -> tuple[str, ...]:
         """The texts that define the device: its file, then name and text (or hash) of each file that it names."""
         return (self.text, *(part for pair in sorted(self.included.items()) for part in pair))
+
+    @property
+    def changed(self) -> str:
+        """The keys of its file that were set to other values as it was read, and what the file states; empty without
+        any.
+
+        >>> import fieldmap as fm
+        >>> fm.read_device("desk_levitator", {"payload.mass_g": 13.0}).changed
+        'desk_levitator.toml with payload.mass_g = 13.0 (12.0 in the file)'
+        """
+        first, _, _ = self.text.partition("\n")
+        return first.removeprefix(CHANGED).removesuffix(".") if first.startswith(CHANGED) else ""
 
     def replace(self, **changes: Any) -> Device:
         """The device with other values, checked anew; its text is the text of `to_toml`.
@@ -338,7 +352,7 @@ def hashes_of_files(bodies: tuple[Body, ...], folder: Path) -> dict[str, str]:
     }
 
 
-# ---- the file of a device, and what is wrong with a device ----
+# ---- the file of a device, and checks of a device ----
 
 _DEVICE: Any = table_of(Device, "", "DeviceKeys")
 
@@ -417,7 +431,7 @@ def _are_alike(one: Material, other: object) -> bool:
 
 def _checked(device: Device) -> Writing:
     """The data of a device. Raises InputError with one Problem for everything that is wrong with it."""
-    # Sections, known values and provenance of a device that was read are about its text. Parts may have been replaced.
+    # Sections, references and provenance of a device that was read refer to its text, not to parts replaced since.
     read = bool(device.text)
     written = written_device(device, whole=not read)
     findings = list(written.findings)

@@ -1,7 +1,7 @@
-"""What a machine is made of: frozen data, SI units, right-handed frame with z up.
+"""Parts of a machine: frozen data, SI units, right-handed frame with z up.
 
 Coils, materials and shapes have folders of their own, `fieldmap.device.coils`, `fieldmap.device.materials` and
-`fieldmap.device.shapes`; what is levitated is in `fieldmap.device.payload`. Values are checked when a `Device` is made
+`fieldmap.device.shapes`; the levitated body is in `fieldmap.device.payload`. Values are checked when a `Device` is made
 of the parts.
 """
 
@@ -117,7 +117,7 @@ class Body(Movable, Made):
         ),
     ] = None
 
-    if TYPE_CHECKING:  # what may be given for the parts
+    if TYPE_CHECKING:  # types that `parts` accepts
 
         def __init__(
             self,
@@ -135,7 +135,7 @@ class Body(Movable, Made):
 
     @property
     def has_own_mesh(self) -> bool:
-        """Whether it is a mesh, not a shape to be meshed."""
+        """Whether the body is given as a mesh, not as a shape to be meshed."""
         return any(part.shape.has_own_mesh for part in self.parts)
 
     def _placed(self, change: Callable[[Placement], Placement], mirror_axis: int | None = None) -> Body:
@@ -153,7 +153,7 @@ class Body(Movable, Made):
 
 
 def _inline(keys: Any) -> Any:
-    """The table of a body of one shape, whose keys stand beside the name."""
+    """The table of a body of one shape, which holds the keys of the shape as well."""
     shape = keys.makes
     part = table_of(
         Part,
@@ -212,9 +212,9 @@ class Joint(Made):
     """A thin sheet where bodies touch: a gap of air, glue or paper that the drawing does not show.
 
     gap: thickness in m, 0 for none; between: names of the two bodies, or patterns with * and ? for several; None for
-    all contacts that no other joint names. mu_r: relative permeability of what is in the gap. name: for key paths. A
-    pair of bodies takes the last joint that names it. The gap is cut out of the body whose end the joint is (of a core
-    on a plate: the core), of the smaller one where both are alike; nothing else of it changes.
+    all contacts that no other joint names. mu_r: relative permeability of the material in the gap. name: for key paths.
+    A pair of bodies takes the last joint that names it. The gap is cut out of the body that ends at the joint (for a
+    core on a plate: the core), or out of the smaller body if both or neither end there; the rest of the body stays.
 
     >>> ends = Joint(0.1e-3, between=("core *", "disk"))
     >>> ends.holds("disk", "core 1"), ends.holds("plate", "core 1")
@@ -268,7 +268,7 @@ class Joint(Made):
 
 
 def joint_of(joints: Sequence[Joint], first: str, second: str) -> Joint | None:
-    """The joint between two bodies that touch: the last that names them, else the last of all contacts.
+    """The joint between two bodies that touch: the last that names them, else the last joint for all contacts.
 
     Parameters
     ----------
@@ -300,10 +300,10 @@ def _require_direction(normal: list[float], info: ValidationInfo) -> None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Section(Made):
-    """What a plane cuts out of iron: origin (3,) in m, normal (3,) of any length; positive flux runs along it.
+    """Plane cross-section of iron: origin (3,) in m, normal (3,) of any length along positive flux.
 
-    bodies: those that are cut, all if empty. half_widths (3,): only what lies within these distances, m, of the
-    origin along x, y and z; None for everything.
+    bodies: names of the bodies that are cut; all if empty. half_widths (3,): the section ends at these distances, m,
+    from the origin along x, y and z; None for no limit.
     """
 
     name: Annotated[str, Key(Name, "the section's name, its own among the sections")]
@@ -346,14 +346,14 @@ class FieldSensor(Made):
         return np.asarray(self.axis / np.linalg.norm(self.axis))
 
 
-# ---- what drives it, and where --------------------------------------------------------------
+# ---- amplifiers and workspace ----
 
 
 @dataclass(frozen=True, repr=False)
 class Driver(DriveChoice, Made):
-    """The amplifier of every coil: gain in A/V, limit in A, supply in V, and what drives the coil.
+    """The amplifier of every coil: gain in A/V, limit in A, supply in V, and the drive.
 
-    Of a drive that gives a voltage, the gain says how many amperes last for a volt at the amplifier's input.
+    For a drive that sets a voltage, the gain is the steady current per volt at the amplifier's input.
     """
 
     gain: Annotated[float, Key(Positive, "current per volt at the amplifier's input", "A_per_V")]
@@ -419,7 +419,7 @@ AnyWorkspace: Any = choice_of(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reference(Made):
-    """A known value to hold results against: flux density component or gradient entry at a point.
+    """A known value for comparison with results: flux density component or gradient entry at a point.
 
     quantity: "Bx", "By", "Bz" (T) or "dBx/dx" ... "dBz/dz" (T/m); currents (n_coils,) in A; mu_r: the iron's
     relative permeability for which the value holds, or None; tolerance: relative, of the value itself.

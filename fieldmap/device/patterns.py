@@ -65,7 +65,7 @@ class Image(Table):
 
     @property
     def axis(self) -> int:
-        """The local axis, 0 or 1, of a shape that changes its sign."""
+        """The local axis of a shape, 0 or 1, that changes its sign."""
         return 1 if self.plane == "y" else 0
 
     def place(self, position_mm: list[float], rotation_deg: list[float]) -> Place:
@@ -80,7 +80,7 @@ _TEXTS = {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "str
 
 
 def with_short_forms(schema: dict[str, Any], copies: dict[str, Any], image: dict[str, Any]) -> dict[str, Any]:
-    """The JSON Schema of a device file that may have short forms, and those of the tables of copies and of an image."""
+    """The JSON Schema of a device file with its short forms. copies, image: schemas of the tables of these."""
     for keys in (copies["properties"], image["properties"]):
         keys |= {key: _computable(about) for key, about in keys.items()}
     copies["properties"]["count"]["anyOf"].append(_EXPRESSION)

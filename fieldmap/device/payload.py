@@ -1,4 +1,4 @@
-"""What is levitated: a magnet, or pieces of magnet and of soft iron. Frozen data in SI."""
+"""The levitated body: a magnet, or several magnets and pieces of soft iron. Frozen data in SI."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from fieldmap.typing import Array
 
 
 class _Uniform(Made):
-    """A shape of one density about its centre, whose axes are principal axes."""
+    """A shape of uniform density whose axes are its principal axes of inertia."""
 
     filling: ClassVar[float]
-    """Volume, as a share of that of the box around it."""
+    """Volume as a share of the volume of its bounding box."""
     spread: ClassVar[tuple[float, float, float]]
     """Means of x^2, y^2 and z^2 over the body, as shares of the squares of its axes."""
 
@@ -38,7 +38,7 @@ class _Uniform(Made):
 
     @property
     def volume(self) -> float:
-        """In cubic metres."""
+        """Volume, m^3."""
         return self.filling * math.prod(self.axes)
 
     def uniform_inertia(self, mass: float) -> tuple[float, float, float]:
@@ -92,7 +92,7 @@ class MagnetCylinder(_Uniform):
 
     @property
     def bounding_radius(self) -> float:
-        """Of the ball about its centre that holds it, m."""
+        """Radius of the smallest sphere about its centre that contains it, m."""
         return math.hypot(self.diameter, self.height) / 2
 
 
@@ -140,7 +140,7 @@ class MagnetBlock(_Uniform):
 
     @property
     def bounding_radius(self) -> float:
-        """Of the ball about its centre that holds it, m."""
+        """Radius of the smallest sphere about its centre that contains it, m."""
         return math.hypot(*self.size) / 2
 
 
@@ -173,8 +173,8 @@ PermeabilityOfPiece = Annotated[
 class SoftSphere(_Ball):
     """Sphere of soft iron.
 
-    material: its law, or the name of a material of the device; mu_r: a constant relative
-    permeability in its place, infinite too.
+    material: its law, or the name of a material of the device; mu_r: instead, a constant relative permeability, which
+    may be infinite.
     """
 
     kind: ClassVar[str] = "soft_sphere"
@@ -193,7 +193,7 @@ class SoftSphere(_Ball):
 class SoftEllipsoid(_Ball):
     """Ellipsoid of soft iron.
 
-    size: its whole axes along x, y and z, m; material and mu_r as of `SoftSphere`.
+    size: its diameters along x, y and z, m; material and mu_r as in `SoftSphere`.
 
     >>> [round(1e9 * moment, 3) for moment in SoftEllipsoid((0.002, 0.002, 0.006)).uniform_inertia(1e-3)]
     [2.0, 2.0, 0.4]
@@ -213,13 +213,13 @@ class SoftEllipsoid(_Ball):
 
 Magnet = MagnetCylinder | MagnetSphere | MagnetBlock
 SoftBody = SoftSphere | SoftEllipsoid
-"""Has a material or a permeability, the lengths of its axes, and a volume."""
+"""Soft iron: has a material or a permeability, the lengths of its axes, and a volume."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PayloadPiece(Made):
-    """A magnet or a piece of soft iron, and where it stands in the payload: its centre and the axes of its shape, about
-    the payload's own centre, from which the sensed point is counted."""
+    """A magnet or a piece of soft iron of a payload. placement: its centre and the axes of its shape, relative to the
+    payload's centre, which lies `magnet_offset` below the sensed point."""
 
     shape: Magnet | SoftBody
     placement: Placement = field(default_factory=Placement)
@@ -254,18 +254,17 @@ def _of_a_real_body(inertia: list[float] | None, info: ValidationInfo) -> None:
 
 @dataclass(frozen=True, repr=False)
 class Payload(Made):
-    """What is levitated. moment: magnitude in A m^2; left out, that of the magnets: volume times remanence over mu0.
+    """The levitated body. moment: magnitude in A m^2; by default volume times remanence of its magnets over mu0.
 
-    direction: which way it points, "up" or "down" along z; pieces have directions of their own (`moment_vector`).
-    turning: whether it may turn, "fixed" or "free"; None leaves that to the question.
+    direction: sense of the moment along z, "up" or "down"; pieces have directions of their own (`moment_vector`).
+    turning: "fixed" or "free"; None: fixed in an equilibrium, free in a simulation.
 
-    magnet_offset: depth of the magnet's centre below the point that the sensor reads, m (an assumption,
-    printed with every result that uses it). inertia (3,) kg m^2; None: where
-    something turns, that of a uniform body of the shape and size of the magnet or the pieces (`uniform_inertia`). drag:
-    N s/m. pieces: magnets and soft iron in place of one magnet, `PayloadPiece` or a shape in the middle; what they make
-    of a field is `fieldmap.lookup.magnetic_body`. volume_level: of the volume rule that integrates the field over each
-    magnet (`fieldmap.lookup.volume_rule`); 1 takes each as a point dipole in its middle. soft_level: of what stands for
-    each piece of soft iron (`fieldmap.lookup.soft_rule`).
+    magnet_offset: depth of the magnet's centre below the point that the sensor reads, m (an assumption, printed with
+    every result that uses it). inertia (3,) kg m^2; None takes a uniform body of the shape and size of the magnet or
+    the pieces (`uniform_inertia`). drag: N s/m. pieces: magnets and soft iron in place of one magnet; each is a
+    `PayloadPiece`, or a shape at the payload's centre (`fieldmap.lookup.magnetic_body` computes their moments).
+    volume_level: of the quadrature of the field over each magnet (`fieldmap.lookup.volume_rule`); 1 takes each as a
+    point dipole in its centre. soft_level: of the dipoles of each piece of soft iron (`fieldmap.lookup.soft_rule`).
 
     >>> bead = Payload(mass=0.26e-3, pieces=[SoftSphere(4e-3, mu_r=1000.0)])
     >>> bead.soft, bead.moment, f"{bead.principal_moments[0]:.2e} kg m2"
@@ -342,7 +341,7 @@ class Payload(Made):
         if isinstance(self.pieces, list | tuple):
             placed = [PayloadPiece(one) if isinstance(one, Magnet | SoftBody) else one for one in self.pieces]
             object.__setattr__(self, "pieces", tuple(placed))
-        # No numbers: told when a device is made of it.
+        # Values that are no numbers are reported when a device is made of the payload.
         with contextlib.suppress(TypeError, ValueError, AttributeError, OverflowError):
             if self.moment == 0.0 and isinstance(self.magnet, Magnet):
                 object.__setattr__(self, "moment", self.magnet.volume * self.magnet.remanence / MU0)
@@ -351,9 +350,9 @@ class Payload(Made):
 
     @property
     def moment_vector(self) -> Array:
-        """Moment (3,) of its magnets, A m^2: along z as `direction` says, or the sum of its pieces.
+        """Moment (3,) of its magnets, A m^2: along z in the sense of `direction`, or the sum of its pieces.
 
-        Raises InputError for another direction, and for one of pieces.
+        Raises InputError for an unknown direction, and for "down" with pieces.
         """
         if self.pieces:
             check(self.direction == "up", "Payload(direction)", OF_PIECES, self.direction, "leave it out")
@@ -363,7 +362,7 @@ class Payload(Made):
         return np.array([0.0, 0.0, signs[self.direction] * self.moment])
 
     def held(self) -> str:
-        """Which way its moment points and whether it turns, in words; it is fixed unless it states that it is free.
+        """Direction of its moment and whether it turns, in words; it counts as fixed unless `turning` is "free".
 
         >>> Payload(mass=0.01, moment=0.8, direction="down").held()
         'moment down, fixed'
@@ -372,23 +371,23 @@ class Payload(Made):
 
     @property
     def soft(self) -> bool:
-        """Whether some of it is soft iron, whose moment follows the field."""
+        """Whether it has soft iron, whose moment depends on the field."""
         return any(isinstance(piece.shape, SoftBody) for piece in self.pieces)
 
     @property
     def sized(self) -> bool:
-        """Whether some magnet has a shape whose size counts: a sphere is a point dipole exactly."""
+        """Whether the size of a magnet matters: a sphere is exactly a point dipole, other shapes are not."""
         shapes = (piece.shape for piece in self.pieces) if self.pieces else (self.magnet,)
         return any(isinstance(shape, MagnetCylinder | MagnetBlock) for shape in shapes)
 
     @property
     def extended(self) -> bool:
-        """Whether its body is more than one dipole in the middle: pieces, or a magnet of finite size."""
+        """Whether it is more than one dipole in its centre: pieces, or a magnet of finite size."""
         return bool(self.pieces) or (self.sized and self.volume_level > 1)
 
     @property
     def rule(self) -> str:
-        """What stands for each of its magnets, in words; empty where it has none."""
+        """Model of its magnets, in words; empty without magnets."""
         if self.pieces and not any(isinstance(piece.shape, Magnet) for piece in self.pieces):
             return ""
         if self.sized and self.volume_level > 1:
@@ -397,7 +396,7 @@ class Payload(Made):
 
     @property
     def soft_rule(self) -> str:
-        """What stands for each of its pieces of soft iron, in words; empty where it has none."""
+        """Model of its pieces of soft iron, in words; empty without soft iron."""
         if not self.soft:
             return ""
         if self.soft_level == 1:
@@ -416,7 +415,7 @@ class Payload(Made):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What stands for its magnetism, and where it sits."""
+        """Models of its magnets and soft iron, and the depth of its centre, in words."""
         depth = f"magnet_offset {1e3 * self.magnet_offset:g} mm below the point that the sensor reads"
         what = [f"payload of {_pieces_text(self.pieces)}"] if self.pieces else []
         soft = f"soft iron of {self.soft_rule}" if self.soft else ""
@@ -431,12 +430,12 @@ class Payload(Made):
         return shown if self.turning is None else f"{shown}, {_TURNS[self.turning == 'free']}"
 
     def with_materials(self, materials: Mapping[str, Material]) -> Payload:
-        """The payload with materials in the place of their names.
+        """The payload with materials in place of their names.
 
         Parameters
         ----------
         materials
-            Name -> material; names that are not among them stay.
+            Name -> material; other names stay.
 
         Returns
         -------
@@ -456,12 +455,12 @@ class Payload(Made):
 
 _TURNS = ("fixed", "free to turn")
 OF_PIECES = "must not be given for pieces: the rotation of each says which way its moment points"
-# Cosine above which a moment counts as vertical, in words.
+# Cosine of the angle to the vertical above which a moment is called "up" or "down".
 _VERTICAL = math.cos(math.radians(0.1))
 
 
 def moment_held(moment: Array, turns: bool) -> str:
-    """Which way a moment points and whether it turns, in words.
+    """Direction of a moment and whether it turns, in words.
 
     Parameters
     ----------
@@ -536,7 +535,8 @@ def _moment_of(pieces: tuple[PayloadPiece, ...]) -> Array:
 
 
 def _inertia_of_pieces(pieces: tuple[PayloadPiece, ...], mass: float) -> tuple[float, float, float] | None:
-    """Of pieces of one density about their common centre; None where the payload's axes are not principal axes."""
+    """Principal moments of pieces of one density about their common centre of mass; None where the payload's axes are
+    not principal axes."""
     volumes = np.array([piece.shape.volume for piece in pieces])
     centres = np.array([piece.placement.position for piece in pieces], dtype=float)
     shares = mass * volumes / volumes.sum()
@@ -558,7 +558,7 @@ def _pieces_text(pieces: tuple[PayloadPiece, ...]) -> str:
 
 
 def shape_text(shape: Magnet | SoftBody) -> str:
-    """What a piece is, and its size.
+    """Kind and size of a piece, in words.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""Where a shape or a coil stands: the frozen data, the keys position_mm and rotation_deg, and patterns of things.
+"""Placements of shapes and coils: frozen data, the keys position_mm and rotation_deg, and patterns of copies.
 
-Things are moved, turned and mirrored by their keys, whether they stand in a file or are made in Python: both get the
-same numbers to the last bit.
+Bodies and coils made in Python are moved, turned and mirrored by these keys, too, so that their numbers agree to the
+last bit with those of a file.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MOST_COPIES = 1000
 
 
 def cosine_and_sine(angle_deg: float) -> tuple[float, float]:
-    """Exact at multiples of 30 deg that have short values, and with the symmetry of the circle to the last bit.
+    """Cosine and sine: values 0, 1/2 and 1 are exact, and the symmetry of the circle holds to the last bit.
 
     >>> cosine_and_sine(60.0)[0], cosine_and_sine(120.0)[1] == cosine_and_sine(60.0)[1]
     (0.5, True)
@@ -64,7 +64,7 @@ def rotation_matrix(rotation_deg: Sequence[float]) -> Array:
 
 
 def rotation_angles(rotation: Array) -> list[float]:
-    """Angles (3,), deg, whose `rotation_matrix` this is: whole ones where they give the same bits.
+    """Angles (3,), deg, of a `rotation_matrix`, rounded to 1e-9 deg where that is as accurate.
 
     >>> rotation_angles(rotation_matrix([0, 135, 45]))
     [0.0, 135.0, 45.0]
@@ -79,7 +79,7 @@ def rotation_angles(rotation: Array) -> list[float]:
     near = [(angles + 180.0) % 360.0 - 180.0 for angles in near]
     short = [np.round(angles, 9) % 360.0 + 0.0 for angles in near]
     short.sort(key=np.count_nonzero)
-    # The first of those that are nearest: an exact one where there is one.
+    # Among equally accurate angles the first one wins: rounded, with the most zeros.
     best = min((*short, *near), key=lambda a: np.abs(rotation_matrix(a.tolist()) - rotation).max())
     return [float(angle) for angle in best]
 
@@ -88,7 +88,7 @@ _ROTATION = "must be a rotation matrix (3, 3): orthonormal, with determinant 1"
 
 
 def _angles_of(rotation: Any) -> list[float]:
-    """The angles of a rotation; raises `broken` for what is none."""
+    """The angles of a rotation; raises `broken` for anything else."""
     try:
         matrix = np.asarray(rotation, dtype=float)
         bounded = matrix.shape == (3, 3) and bool(np.abs(matrix).max() <= 2.0)
@@ -107,7 +107,7 @@ Angles = Annotated[list[Angle], Field(min_length=3, max_length=3)]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Placement(Made):
-    """Where the local frame stands in the device's frame.
+    """Position and orientation of the local frame in the device's frame.
 
     global = rotation @ local + position.
 
@@ -153,14 +153,14 @@ class Placement(Made):
 
 
 PLACEMENT: Any = table_of(Placement, name="PlacementKeys")
-"""The keys position_mm and rotation_deg, beside those of a thing that has a place."""
+"""The keys position_mm and rotation_deg, which tables of bodies, parts and coils share."""
 
 
 # ---- moving, turning and mirroring keys ----
 
 
 def moved_keys(position_mm: Sequence[float], by_mm: Sequence[float]) -> list[float]:
-    """position_mm of a thing that is moved."""
+    """position_mm after a translation."""
     return [float(x + dx) for x, dx in zip(position_mm, by_mm, strict=True)]
 
 
@@ -171,7 +171,7 @@ def turned_keys(
     angle_deg: float,
     centre_mm: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> tuple[list[float], list[float]]:
-    """position_mm and rotation_deg of a thing that is turned about an axis through a centre.
+    """position_mm and rotation_deg after a rotation about an axis through a centre.
 
     >>> position, rotation = turned_keys([44.0, 0.0, 6.0], [0.0, 90.0, 0.0], "z", 60.0)
     >>> [round(x, 9) for x in position], rotation
@@ -196,11 +196,12 @@ def turned_keys(
 def mirrored_keys(
     position_mm: Sequence[float], rotation_deg: Sequence[float], plane: Axis, at_mm: float = 0.0
 ) -> tuple[list[float], list[float], int]:
-    """position_mm and rotation_deg of a thing seen in the mirror x = at_mm (or y, or z), and which local axis, 0 or 1,
-    of its shape changes its sign.
+    """position_mm and rotation_deg of the mirror image in the plane x = at_mm (or y, or z), and the local axis of the
+    shape, 0 or 1, that changes its sign.
 
-    A mirror turns the local frame over. The shape is turned over with it across a local axis in its plane: the axis of
-    a cylinder or a coil is the mirrored one, and a positive current still runs counter-clockwise about it.
+    A mirror makes the local frame left-handed. The shape is reflected along that local axis to keep the frame
+    right-handed: the axis of a cylinder or a coil is mirrored, and a positive current still runs counter-clockwise
+    about it.
     """
     k = AXES.index(plane)
     position = [float(x) for x in position_mm]
@@ -218,13 +219,13 @@ def mirrored_keys(
 
 
 class Movable(Made):
-    """A body or a coil: moved, turned, mirrored and repeated. The thing itself stays; copies are returned."""
+    """A body or a coil, with methods that return moved, turned, mirrored and repeated copies."""
 
     name: str
 
     @abstractmethod
     def _placed(self, change: Callable[[Placement], Placement], mirror_axis: int | None = None) -> Self:
-        """The thing with every placement changed, and its shapes mirrored across a local axis."""
+        """A copy with every placement changed, and its shapes mirrored along a local axis."""
 
     @abstractmethod
     def _pattern(self) -> str:
@@ -235,7 +236,7 @@ class Movable(Made):
         change: Callable[[list[float], list[float]], tuple[Sequence[float], Sequence[float]]],
         mirror_axis: int | None = None,
     ) -> Self:
-        """The thing with position_mm and rotation_deg of every placement changed."""
+        """A copy with position_mm and rotation_deg of every placement changed."""
 
         def changed(place: Placement) -> Placement:
             keys = place.keys()
@@ -244,7 +245,7 @@ class Movable(Made):
         return self._placed(changed, mirror_axis)
 
     def named(self, name: str) -> Self:
-        """The same by another name.
+        """A copy with another name.
 
         Parameters
         ----------
@@ -259,12 +260,12 @@ class Movable(Made):
         return replace(self, name=name)  # zuban: ignore[misc]
 
     def moved(self, by: ArrayLike) -> Self:
-        """The same at another place.
+        """A copy at another place.
 
         Parameters
         ----------
         by
-            (3,), m.
+            Displacement (3,), m.
 
         Returns
         -------
@@ -275,7 +276,7 @@ class Movable(Made):
         return self._with_keys(lambda at, turn: (moved_keys(at, by_mm), turn))
 
     def turned(self, axis: Axis, angle_deg: float, centre: ArrayLike = (0.0, 0.0, 0.0)) -> Self:
-        """The same, turned about an axis.
+        """A copy, turned about an axis.
 
         Parameters
         ----------
@@ -297,18 +298,18 @@ class Movable(Made):
         return self._with_keys(lambda at, turn: turned_keys(at, turn, axis, angle, centre_mm))
 
     def mirrored(self, plane: Axis, at: float = 0.0, name: str | None = None) -> Self:
-        """The same, seen in a mirror.
+        """The mirror image.
 
-        `mirrored_keys` says what becomes of currents.
+        A positive current still runs counter-clockwise about the mirrored axis.
 
         Parameters
         ----------
         plane
             "x" for the mirror x = at, or "y", or "z".
         at
-            Where the mirror is, m.
+            Position of the mirror, m.
         name
-            Of the copy; the same unless given.
+            Name of the copy; the same unless given.
 
         Returns
         -------
@@ -330,18 +331,18 @@ class Movable(Made):
         names: Sequence[str] | str | None = None,
         centre: ArrayLike = (0.0, 0.0, 0.0),
     ) -> tuple[Self, ...]:
-        """Copies about an axis; the first stays.
+        """Copies about an axis; the first stays in place.
 
         Parameters
         ----------
         axis
             Direction of the axis: "x", "y" or "z".
         count
-            How many copies.
+            Number of copies.
         step_deg
             Angle from each to the next, deg; a full turn divided by count unless given.
         names
-            Of the copies, or a pattern with {k}, which counts from 1; the name of the thing may be one.
+            Names of the copies, or a pattern with {k}, which counts from 1; made from the original's name unless given.
         centre
             Point (3,) of the axis, m.
 
@@ -357,14 +358,14 @@ class Movable(Made):
     def along(
         self, step: ArrayLike, count: int, names: Sequence[str] | str | None = None
     ) -> tuple[Self, ...]:
-        """Copies in a row; the first stays.
+        """Copies in a row; the first stays in place.
 
         Parameters
         ----------
         step
-            From each to the next (3,), m.
+            Displacement from each to the next (3,), m.
         count
-            How many copies.
+            Number of copies.
         names
             As for `around`.
 

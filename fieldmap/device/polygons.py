@@ -1,4 +1,4 @@
-"""Closed polygons that do not meet themselves, and the rules for outlines and radii that shapes and coils share."""
+"""Simple closed polygons, and the rules for outlines and radii that shapes and coils share."""
 
 from collections.abc import Sequence
 from typing import Annotated, Any
@@ -25,12 +25,12 @@ def _cross(one: Array, other: Array) -> Array:
 
 
 def signed_area(points: PlanePoints | Array) -> float:
-    """Positive if the corners run counter-clockwise (shoelace formula)."""
+    """Signed area, positive if the corners run counter-clockwise (shoelace formula)."""
     return float(_cross(*_edges(points)).sum() / 2)
 
 
 def polygon_fault(points: PlanePoints | Array) -> str | None:
-    """What keeps the closed polygon from being simple (corners counted from 1), or None.
+    """The reason why a closed polygon is not simple (corners counted from 1), or None.
 
     >>> polygon_fault([[0, 0], [1, 1], [1, 0], [0, 1]])
     'edge 1-2 meets edge 3-4'
@@ -52,7 +52,7 @@ def polygon_fault(points: PlanePoints | Array) -> str | None:
 
 
 def _meeting(start: Array, end: Array, i: int) -> Any:
-    """Which edges (n,) share a point with edge i; of those at its ends, which run back over it."""
+    """Which edges (n,) share a point with edge i. Its two neighbours count only if they run back over it."""
     ours, theirs = _sides(start[i], end[i], start), _sides(start, end, start[i])
     their_end = _sides(start, end, end[i])
     meeting = (ours * np.roll(ours, -1) < 0) & (theirs * their_end < 0)
@@ -95,8 +95,8 @@ def rounding_fault(points: PlanePoints, radius: float) -> str | None:
 
 
 def reflected_polygon(points: PlanePoints, axis: int) -> list[list[float]]:
-    """The polygon with the sign of one coordinate (0 or 1) changed, its corners in the opposite order: it runs the same
-    way round.
+    """The polygon with the sign of one coordinate (0 or 1) changed, and its corners in the opposite order, so that
+    their sense of rotation stays.
 
     >>> reflected_polygon([[0, 0], [2, 0], [2, 1]], 0)
     [[-2.0, 1.0], [-2.0, 0.0], [0.0, 0.0]]
@@ -110,7 +110,7 @@ def reflected_polygon(points: PlanePoints, axis: int) -> list[list[float]]:
 
 
 def require_simple(points: list[list[float]]) -> list[list[float]]:
-    """Raise unless the corners make a polygon that does not meet itself."""
+    """Raise unless the corners make a simple polygon."""
     fault = polygon_fault(points)
     if fault is not None:
         raise broken(
@@ -130,7 +130,7 @@ def counter_clockwise(points: list[list[float]]) -> list[list[float]]:
 
 
 def require_larger_radius(outer: float, info: ValidationInfo) -> None:
-    """Raise unless the outer radius is larger than the inner one that was read before it."""
+    """Raise unless the outer radius is larger than the inner one, which is read first."""
     inner = info.data.get("inner_radius_mm")
     if inner is not None and outer <= inner:
         raise broken(

@@ -16,7 +16,7 @@ from fieldmap.device.cross_checks import cross_findings
 from fieldmap.device.data_sheet import data_sheet
 from fieldmap.device.materials import Curves, Material, SaturatingMaterial, material_of, named_file
 from fieldmap.device.materials.bh_table import BHTableFromFileKeys, require_room_to_saturate
-from fieldmap.device.model import Device, hashes_of_files
+from fieldmap.device.model import CHANGED, Device, hashes_of_files
 from fieldmap.device.schema import DEVICE, MATERIAL, DeviceFile
 from fieldmap.device.shapes import ShapeOfFile
 from fieldmap.device.toml_text import toml_text
@@ -25,7 +25,7 @@ from fieldmap.file_contents import read_text
 from fieldmap.inputs.declared import fields_of, record_of
 from fieldmap.inputs.document import Document, parsed, schema_findings
 from fieldmap.inputs.explain import REQUIRED
-from fieldmap.inputs.findings import Finding, one_of, shown
+from fieldmap.inputs.findings import Finding, changed_in_words, one_of, shown
 from fieldmap.inputs.key_paths import dotted
 from fieldmap.inputs.tables import Table
 from fieldmap.records import FrozenDict
@@ -33,11 +33,11 @@ from fieldmap.shipped import is_file, shipped_file, shipped_names
 from fieldmap.typing import PathLike
 
 TEXT = "device text"
-"""In the place of a path where a text was given."""
+"""Stands for the path of a device that was given as a text."""
 
 
 def material_files(device: Document) -> tuple[Curves, dict[str, str], list[Problem]]:
-    """Read every B-H file that the device file names: curves and texts by that name, and what is wrong."""
+    """Curves and texts of the B-H files that the device file names, by file name, and the problems found."""
     curves: dict[str, tuple[list[float], list[float]]] = {}
     texts: dict[str, str] = {}
     problems: list[Problem] = []
@@ -71,7 +71,7 @@ def _material_file(path: Path) -> tuple[Any, str]:
 
 
 def _curves_that_do_not_fit(materials: Mapping[str, Table], curves: Curves) -> list[Finding]:
-    """The rules that tie a curve from a file of its own to the keys of the table that names it."""
+    """Findings where a curve in a separate file contradicts the keys of the table that names the file."""
     found = []
     for name, keys in materials.items():
         if isinstance(keys, BHTableFromFileKeys) and keys.saturation_polarisation_T is not None:
@@ -104,12 +104,12 @@ def read_device(path_or_name: PathLike | Device, changes: Mapping[str, Any] | No
     Parameters
     ----------
     path_or_name
-        Path of a TOML file, the name of a shipped device ("drive_unit"), or the text of a device file (what
-        has more than one line).
+        Path of a TOML file, the name of a shipped device ("drive_unit"), or the text of a device file (of
+        more than one line).
     changes
-        Values by key path in the place of those of the file, such as {"parameters.gap": 120.0,
-        "coil.*.turns": 900}, in the units of the keys; what follows from a parameter is computed anew. Keys
-        that the file lacks are refused.
+        Values by key path in place of those of the file, such as {"parameters.gap": 120.0,
+        "coil.*.turns": 900}, in the units of the keys; values that depend on a parameter are computed anew.
+        Keys that the file lacks are refused.
 
     Returns
     -------
@@ -166,9 +166,9 @@ def material(
         Law past its last point: "slope mu0", or "towards saturation". Below the first point it is a straight
         line to the origin.
     saturation
-        Polarisation, T, that "towards saturation" rises to.
+        Saturation polarisation, T, for "towards saturation".
     name
-        The file's own unless given; a device names its materials anew.
+        Name of the material; by default the name in the file. A device may rename its materials.
 
     Returns
     -------
@@ -197,10 +197,10 @@ def material(
 
 
 def device_of(document: Document, written: bool = True) -> Device:
-    """The device of a file that has been parsed, or of its data after some keys were changed.
+    """The device of a parsed file, or of its data after some keys were changed.
 
-    Files that it names lie relative to `document.path`. written: whether it knows its text, which takes as long as the
-    rest where keys were changed. Raises DeviceFileError with one Problem for every error.
+    Paths in it are relative to `document.path`. written: whether `Device.text` is filled, which takes as long as the
+    rest if keys were changed. Raises DeviceFileError with one Problem for every error.
     """
     DEVICE.refuse_other_kinds(document)
     contents, curves, included = checked_contents(document, DeviceFile)
@@ -208,12 +208,11 @@ def device_of(document: Document, written: bool = True) -> Device:
 
 
 def recorded_device(text: str, solids: bool = False) -> Device:
-    """The device in the text of a file, as a map records it: coils, payload, driver and workspace; its iron, which the
-    map holds the field of, is left out. Pieces of soft iron in the payload get their materials where the curves are in
-    the text or in shipped files, and keep the names otherwise: no other file is read. Raises DeviceFileError for a text
-    that is no device.
+    """The device in the text that a map records, without its iron: coils, payload, driver and workspace.
 
-    solids: with the shapes of its iron, for pictures; bodies from other files, and all materials, are left out.
+    Pieces of soft iron in the payload get their materials if the curves are in the text or in shipped files, and keep
+    the names of the materials otherwise; no other file is read. solids: with the shapes of its iron, for pictures;
+    bodies from other files and all materials are left out. Raises DeviceFileError for a text that is no device.
     """
     document = parsed(Path("device recorded in the map"), text, DeviceFileError)
     document = DEVICE.prepared(replace(document, alone=True))
@@ -236,7 +235,7 @@ def recorded_device(text: str, solids: bool = False) -> Device:
 
 
 def _available_materials(document: Document, contents: DeviceFile) -> dict[str, Material]:
-    """Materials of a recorded device, without those whose curve is in a file that is not there."""
+    """Materials of a recorded device, except those with a curve in a missing file."""
     curves, _, _ = material_files(document)
     files = dict(_named_files(document.data))
     return {
@@ -282,10 +281,10 @@ def _build(
 
 
 def complete_text(document: Document) -> str:
-    """The text of a device file; written out where it includes others or keys were set, so that it stands alone."""
+    """The text of a device file; written out in full if the file includes others or keys were changed."""
     if document.changes:
-        words = ", ".join(f"{key} = {shown(value)}" for key, value in document.changes.items())
-        return f"# {document.path.name}, with {' '.join(words.split())}.\n" + toml_text(document.data)
+        words = changed_in_words(document.path.name, document.changes, document.stated)
+        return f"{CHANGED}{words}.\n" + toml_text(document.data)
     if document.raw is None or "include" not in document.raw.data:
         return document.text
     return f"# {document.path.name}, with the files that it includes.\n" + toml_text(document.data)

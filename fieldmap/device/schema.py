@@ -1,4 +1,4 @@
-"""The files of devices and materials: what they may hold, how they are found and read."""
+"""The kinds of file of devices and materials: their schemas, and how they are found and read."""
 
 from pydantic import Field
 

@@ -1,4 +1,4 @@
-"""Closed surfaces of triangles: read from STL files, and what is wrong with one that bounds no solid."""
+"""Closed surfaces of triangles: a reader of STL files, and the faults of a surface that bounds no solid."""
 
 import re
 from pathlib import Path
@@ -11,20 +11,21 @@ from fieldmap.errors import InputError, Problem
 from fieldmap.typing import Array, Index
 
 _SIDES = ((0, 1), (1, 2), (2, 0))
+# Rounding of coordinates as a share of the surface's size.
 _FLAT = 1e-12
-# Of triangles whose boxes are compared at a time.
+# Pairs of triangles whose bounding boxes are compared at a time.
 _PAIRS = 200_000
-# Corners of a shell whose place is looked at.
+# Corners of a shell that are tested for lying in another shell; more than half of them must.
 _LOOKED_AT = 9
 
 
 def surface_fault(points: Array, triangles: Index) -> tuple[str, str, str] | None:
-    """What must hold, what was received and the remedy, of a surface that bounds no solid; None for one that does.
+    """What must hold, what was received and the remedy, for a surface that bounds no solid; None for one that does.
 
-    points (n, 3) in any unit, triangles (m, 3): numbers of points. Looked at: numbers, repeated corners, open edges,
-    triangles that turn the wrong way, an enclosed volume that is negative (the surface is inside out), and shells that
-    face the wrong way for where they lie: outward in the open, inward (a cavity) in another shell. Whether the surface
-    cuts itself is not looked at here, see `crossing_triangles`.
+    points (n, 3) in any unit, triangles (m, 3): numbers of points. Faults are numbers out of range, repeated corners,
+    open edges, triangles of the wrong sense, a negative enclosed volume (the surface is inside out), and shells that
+    face the wrong way: a shell must face outward, or inward if it is a cavity in another shell. `crossing_triangles`
+    finds surfaces that cut themselves.
 
     >>> corners = np.vstack([np.zeros(3), np.eye(3)])
     >>> surface_fault(corners, np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])) is None
@@ -68,7 +69,7 @@ def surface_fault(points: Array, triangles: Index) -> tuple[str, str, str] | Non
 
 
 def shells_of(triangles: Index) -> list[Index]:
-    """Numbers of the triangles of each shell: those that hang together through their edges, in their order."""
+    """Numbers of the triangles of each shell, in order; a shell is a set of triangles connected through edges."""
     ends = np.sort(np.concatenate([triangles[:, pair] for pair in _SIDES]), axis=1)
     _, edge = np.unique(ends, axis=0, return_inverse=True)
     order = np.argsort(edge.ravel(), kind="stable")
@@ -94,7 +95,7 @@ def shell_words(points: Array, triangles: Index, shells: list[Index], number: in
 
 
 def _shell_fault(points: Array, triangles: Index) -> tuple[str, str, str] | None:
-    """What is wrong with how the shells of a surface lie in one another."""
+    """The fault of a shell that faces the wrong way, given the shells that it lies in."""
     shells = shells_of(triangles)
     if len(shells) == 1:
         return None
@@ -120,8 +121,8 @@ def _shell_fault(points: Array, triangles: Index) -> tuple[str, str, str] | None
 
 
 def _holds(points: Array, triangles: Index, shells: list[Index], outer: int, inner: int) -> bool:
-    """Whether a shell lies in another: corners of it do, by the solid angle of the other shell (van Oosterom and
-    Strackee 1983)."""
+    """Whether shell `inner` lies in shell `outer`, by the solid angle of the outer shell at corners of the inner one
+    (van Oosterom and Strackee 1983)."""
     corners = points[np.unique(triangles[shells[inner]])]
     hull = points[triangles[shells[outer]]]
     low, high = hull.min(axis=(0, 1)), hull.max(axis=(0, 1))
@@ -137,23 +138,23 @@ def _holds(points: Array, triangles: Index, shells: list[Index], outer: int, inn
 
 
 def enclosed_volume(points: Array, triangles: Index) -> float:
-    """Volume inside a closed surface: negative where it is inside out."""
+    """Volume inside a closed surface; negative if the surface is inside out."""
     centred = points - points.mean(axis=0)
     a, b, c = np.moveaxis(centred[triangles], 1, 0)
     return float(np.einsum("kd,kd->", a, np.cross(b, c)) / 6)
 
 
 def crossing_triangles(points: Array, triangles: Index) -> tuple[int, int] | None:
-    """Two triangles of a surface that cut each other, away from corners that they share; None where none do.
+    """Two triangles of a surface that cut each other and share no corner; None if there are none.
 
-    An edge of one goes through the inside of the other. Candidates are those whose bounding boxes overlap.
+    An edge of one goes through the inside of the other. Candidates are pairs with overlapping bounding boxes.
     """
     corners = points[triangles]
     lower, upper = corners.min(axis=1), corners.max(axis=1)
     order = np.argsort(lower[:, 0], kind="stable")
     size = float(np.ptp(points, axis=0).max())
     place = np.arange(len(order))
-    # Of each, those behind it in the order whose boxes begin before its own ends.
+    # For each triangle, ordered by the lower x of the boxes: the later ones whose box begins before its box ends.
     begin, end = place + 1, np.searchsorted(lower[order, 0], upper[order, 0], side="right")
     many = np.maximum(end - begin, 0)
     for part in np.split(place, np.flatnonzero(np.diff(np.cumsum(many) // _PAIRS)) + 1):
@@ -173,7 +174,7 @@ def crossing_triangles(points: Array, triangles: Index) -> tuple[int, int] | Non
 
 
 def crossing_fault(points: Array, triangles: Index) -> tuple[str, str, str] | None:
-    """What must hold, what was received and the remedy, of a surface that cuts itself; None for one that does not."""
+    """What must hold, what was received and the remedy, for a surface that cuts itself; None for one that does not."""
     found = crossing_triangles(points, triangles)
     if found is None:
         return None
@@ -211,8 +212,8 @@ _VERTEX = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)")
 def read_stl(path: Path) -> tuple[Array, Index]:
     """Corners (n, 3), in the unit of the file, and triangles (m, 3) of an STL file, binary or text.
 
-    Equal corners become one; triangles without area are left out. Raises InputError for a file that cannot be read or
-    is none.
+    Equal corners are merged; triangles without area are left out. Raises InputError for a file that cannot be read or
+    is no STL file.
     """
     try:
         data = Path(path).read_bytes()

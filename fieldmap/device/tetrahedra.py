@@ -1,4 +1,4 @@
-"""Meshes of tetrahedra: their boundary, and what is wrong with one that fills no solid."""
+"""Meshes of tetrahedra: their boundary, and the faults of a mesh that fills no solid."""
 
 import numpy as np
 
@@ -36,7 +36,7 @@ def boundary(points: Array, tets: Index) -> Index:
 
 
 def longest_edge(points: Array, tets: Index) -> float:
-    """Of all tetrahedra, in the unit of the points."""
+    """Longest edge of all tetrahedra, in the unit of the points."""
     corners = points[tets]
     return max(
         float(np.linalg.norm(corners[:, i] - corners[:, j], axis=1).max()) for i in range(4) for j in range(i)
@@ -44,12 +44,12 @@ def longest_edge(points: Array, tets: Index) -> float:
 
 
 def subdivided(points: Array, tets: Index) -> tuple[Array, Index]:
-    """Each tetrahedron cut into eight of an eighth of its volume (Bey, Computing 55, 1995): all edges are halved."""
+    """Each tetrahedron cut into eight of equal volume (Bey, Computing 55, 1995), with all edges halved."""
     pairs = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
     ends, number = np.unique(np.sort(tets[:, pairs].reshape(-1, 2), axis=1), axis=0, return_inverse=True)
     middle = len(points) + number.reshape(-1, 6)
     nodes = np.column_stack([tets, middle])
-    # Corners 0 to 3, then the middles of the pairs above. The four at corners, and the octahedron cut along 02-13.
+    # Nodes 0 to 3 are corners, 4 to 9 midpoints of `pairs`. The octahedron inside is cut along its diagonal 5-8.
     corners = [[0, 4, 5, 6], [4, 1, 7, 8], [5, 7, 2, 9], [6, 8, 9, 3]]
     inside = [[4, 5, 6, 8], [4, 5, 7, 8], [5, 6, 8, 9], [5, 7, 8, 9]]
     return np.vstack([points, 0.5 * (points[ends[:, 0]] + points[ends[:, 1]])]), nodes[
@@ -58,11 +58,11 @@ def subdivided(points: Array, tets: Index) -> tuple[Array, Index]:
 
 
 def tetrahedra_fault(points: Array, tets: Index) -> Fault | None:
-    """What is wrong with a mesh that fills no solid; None for one that does.
+    """The fault of a mesh that fills no solid; None for a mesh that fills one.
 
-    points (n, 3) in any unit, tets (m, 4): numbers of points, in any order of the corners. Looked at: numbers, flat
-    tetrahedra, faces of more than two tetrahedra, neighbours on the same side of their face, and edges in which the
-    boundary touches itself. Whether the boundary cuts itself elsewhere is seen when the solid is built.
+    points (n, 3) in any unit, tets (m, 4): numbers of points, in any order of the corners. Faults are wrong numbers,
+    flat or repeated tetrahedra, faces of more than two tetrahedra, neighbours on the same side of their face, and edges
+    in which the boundary touches itself. A boundary that cuts itself elsewhere is found when the solid is built.
 
     >>> corners = np.vstack([np.zeros(3), np.eye(3)])
     >>> tetrahedra_fault(corners, np.array([[0, 1, 2, 3]])) is None

@@ -5,7 +5,7 @@ Depends on: errors, arguments, kernels, device, store, lookup, levitation, contr
 
 from fieldmap.extras import needs
 
-# As in fieldmap.levitation: told here for all modules.
+# As in fieldmap.levitation: this check serves all modules of the package.
 with needs("levitation", "fieldmap.dynamics"):
     import scipy
 

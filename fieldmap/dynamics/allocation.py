@@ -1,6 +1,6 @@
-"""Control allocation: how the outputs of a controller become the voltages of the coils' amplifiers.
+"""Control allocation: from the outputs of a controller to the input voltages of the coils' amplifiers.
 
-By a current parametrisation, or by a matrix, which for any number of coils can be one of least power:
+An allocation is a current parametrisation, or a matrix, for example that of least power for any number of coils:
 docs/theory/closed_loop.md (23)..(25).
 """
 
@@ -20,13 +20,13 @@ from fieldmap.records import Record
 from fieldmap.typing import Array
 
 SIGNALS = ("lift_V", "x_signal", "y_signal")
-"""Names of the outputs that lift and push along x and y."""
+"""Names of the outputs for the lift and for the forces along x and y."""
 
 
 class ControlAllocation(ABC):
-    """Outputs (m,) to the voltages (n,) of n coils.
+    """Map from outputs (m,) to the voltages (n,) of n coils.
 
-    names (m,): of the outputs. idle: axes whose output does nothing. assumptions: what it rests on.
+    names (m,): of the outputs. idle: axes whose output has no effect. assumptions: of the allocation.
     """
 
     names: tuple[str, ...]
@@ -60,7 +60,7 @@ class ControlAllocation(ABC):
 
     @abstractmethod
     def derivative(self, outputs: Array) -> Array:
-        """Derivative of the voltages by the outputs.
+        """Derivative of the voltages with respect to the outputs.
 
         Parameters
         ----------
@@ -75,7 +75,7 @@ class ControlAllocation(ABC):
 
     @abstractmethod
     def nearest(self, voltages: Array) -> Array:
-        """Outputs whose voltages are nearest to given ones.
+        """Outputs whose voltages are nearest to given voltages.
 
         Parameters
         ----------
@@ -90,14 +90,14 @@ class ControlAllocation(ABC):
 
     @abstractmethod
     def numbers(self) -> Allocation:
-        """As compiled loops take it."""
+        """The numbers for compiled loops."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ParametrisedAllocation(Record, ControlAllocation):
-    """Outputs are the signals of a current parametrisation, whose currents, in A, are taken for voltages, in V.
+    """Allocation by a current parametrisation: the outputs are its signals, its currents in A are the voltages in V.
 
-    names (m,): of the outputs; those of the signals unless given.
+    names (m,): of the outputs; by default the names of the signals.
     """
 
     parametrisation: CurrentParametrisation
@@ -110,7 +110,7 @@ class ParametrisedAllocation(Record, ControlAllocation):
 
     @property
     def output_names(self) -> tuple[str, ...]:
-        """The given names, or those of the signals."""
+        """The given names, or the names of the signals."""
         return self.names or self.parametrisation.signal_names
 
     def voltages(self, outputs: Array) -> Array:
@@ -126,13 +126,13 @@ class ParametrisedAllocation(Record, ControlAllocation):
         return self.parametrisation.nearest(voltages).values
 
     def numbers(self) -> Allocation:
-        """As compiled loops take it."""
+        """The numbers for compiled loops."""
         kernel = self.parametrisation.kernel()
         return Allocation(int(kernel.division), kernel.exponent, kernel.matrix, np.zeros(self.coils))
 
 
 def lift_and_directions(n: float) -> ParametrisedAllocation:
-    """Outputs lift (V), x and y become the voltages of six coils in two rows of three: `LiftAndDirections`.
+    """Allocation from lift (V), x and y to the voltages of six coils in two rows of three: `LiftAndDirections`.
 
     Parameters
     ----------
@@ -149,10 +149,10 @@ def lift_and_directions(n: float) -> ParametrisedAllocation:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MatrixAllocation(Record, ControlAllocation):
-    """Outputs (m,) become the voltages of the coils by matrix (n, m) @ outputs + constant (n,).
+    """Allocation by a matrix: voltages = matrix (n, m) @ outputs (m,) + constant (n,).
 
-    names (m,): of the outputs; "output_0" and so on unless given. idle: axes whose output does nothing. assumptions:
-    what it rests on.
+    names (m,): of the outputs; by default "output_0" and so on. idle: axes whose output has no effect. assumptions:
+    of the allocation.
     """
 
     matrix: Array
@@ -184,25 +184,25 @@ class MatrixAllocation(Record, ControlAllocation):
         return np.asarray(np.linalg.pinv(self.matrix) @ (voltages - self.constant), float)
 
     def numbers(self) -> Allocation:
-        """As compiled loops take it."""
+        """The numbers for compiled loops."""
         constant = np.array(np.broadcast_to(self.constant, (self.coils,)), float)
         return Allocation(0, 1.0, np.ascontiguousarray(self.matrix, float), constant)
 
 
 def least_power_allocation(force_per_ampere: ArrayLike, shares: ArrayLike, volts: float) -> MatrixAllocation:
-    """Outputs lift (V), x and y become the voltages of n coils.
+    """Allocation of least power from lift (V), x and y to the voltages of n coils.
 
-    Along an axis on which the coils do not push by themselves the signal does nothing, and the assumptions say so.
+    If the coils alone cannot push along x or y, the signal of that axis has no effect, and the assumptions say so.
 
     Parameters
     ----------
     force_per_ampere
-        About the operating point (3, n), N/A.
+        Derivatives (3, n) of the force with respect to the currents at the operating point, N/A.
     shares
-        Of the lift's volt (n,), such as `lift_shares`.
+        Shares (n,) of the coils in the lift voltage, such as `lift_shares`.
     volts
-        Lift at the operating point. An x signal of 1 adds that many volts to the coil that takes most of it,
-        in the proportions that push along x and nowhere else with least power.
+        Lift at the operating point. An x signal of 1 adds this voltage to the coil with the largest share. The shares
+        are those of least power for a force along x only.
 
     Returns
     -------

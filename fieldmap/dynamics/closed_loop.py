@@ -123,10 +123,10 @@ def simulate_closed_loop(
     InputError
         For arguments that do not fit.
     NotConverged
-        Where the model of saturating iron has no solution at the currents of the start.
+        If the model of saturating iron has no solution at the initial currents.
     ControllerError
-        If the function fails during the run. KeyboardInterrupt, and whatever else it raises that is no `Exception`, is
-        raised as it is.
+        If the function fails during the run. An exception outside `Exception`, such as KeyboardInterrupt, is not
+        wrapped.
     """
     bound = None
     if isinstance(controller, FunctionController):
@@ -158,7 +158,7 @@ def simulate_closed_loop(
 
 
 def machine_for(machine: Machine, gives: str) -> Machine:
-    """The machine with the control allocation for what a function gives: "signals", "currents" or "voltages"."""
+    """The machine with the control allocation for the outputs of a function: "signals", "currents" or "voltages"."""
     if gives == "signals":
         return machine
     n, (slope, at_zero) = machine.drive.coils, machine.drive.steady_response
@@ -169,7 +169,7 @@ def machine_for(machine: Machine, gives: str) -> Machine:
 
 
 def measured_by(machine: Machine) -> int:
-    """How many numbers a controller function is given as measured."""
+    """Number of measured numbers that a controller function gets."""
     part = machine.sensors.numbers.measured
     return int(part.stop - part.start)
 
@@ -198,7 +198,7 @@ def start_loop(
     check(coils == n, f"{_WHERE}(machine)", must, n, "take one for these coils")
     core, search, sensing = machine.core(schedule.step), None, machine.sensors.numbers
     if law.inverse is not None:
-        # A search for outputs takes slopes by differences, for which the solves of a run are too coarse.
+        # A search for outputs computes slopes by differences, for which the tolerance of a run is too large.
         search = machine.core(schedule.step, search=True)
         law = law._replace(inverse=law.inverse._replace(machine=search.machine))
     row = STATE + (4 if machine.drive.coupled else 2) * n + 3 + m
@@ -211,7 +211,7 @@ def start_loop(
         signals=draw_signals(machine, schedule, seed),
         state=begin,
         currents=amperes,
-        # Guarded arrays are those that functions write to: a compiled function may write beside them.
+        # Functions write to the guarded arrays, and a compiled function may write outside them by mistake.
         memory=guarded(memory),
         load=np.zeros(6),
         progress=np.zeros(len(compiled.Progress._fields), np.int64),
@@ -357,10 +357,10 @@ def simulate_many(
 class RunningMachine(PartsOfState):
     """A machine with its coils, amplifiers, sensors, delay and noise; each call of `step` advances it by one sample.
 
-    Arguments as of `simulate_closed_loop`; gives, lower, upper as of `FunctionController`. The compiled code is that of
-    whole runs: a loop that passes a function's outputs to `step` equals a run with that function to the bit. Noise is
-    drawn for the length of the schedule, and again for the same length whenever it is used up. From then on references,
-    feed-forward and loads keep their last values.
+    Arguments are as in `simulate_closed_loop`; gives, lower and upper as in `FunctionController`. The compiled code
+    is the same as in whole runs: a loop that passes a function's outputs to `step` equals a run with that function to
+    the bit. Noise is drawn for the length of the schedule, and again for the same length whenever it is used up. From
+    then on references, feed-forward and loads keep their last values.
     """
 
     def __init__(
@@ -391,7 +391,7 @@ class RunningMachine(PartsOfState):
         Parameters
         ----------
         seed
-            Seed of the noise; the last seed unless given.
+            Seed of the noise; by default the last seed.
 
         Returns
         -------
@@ -422,8 +422,8 @@ class RunningMachine(PartsOfState):
         outputs
             Outputs (m,) of the controller.
         dt
-            Time to the next sample, s: a whole number of mechanical steps of the schedule, and no less than
-            its delay. The schedule's period unless given.
+            Time to the next sample, s: a whole number of mechanical steps of the schedule, and no less than its
+            delay. The default is the schedule's period.
 
         Returns
         -------
@@ -433,7 +433,7 @@ class RunningMachine(PartsOfState):
         Raises
         ------
         InputError
-            For outputs or a dt that do not fit, and after an event has ended the run.
+            For invalid outputs or dt, and after an event has ended the run.
         """
         loop, names, given = self._loop, self.output_names, np.asarray(outputs, float)
         fits = given.shape == (len(names),) or (given.ndim == 0 and len(names) == 1)
@@ -523,12 +523,12 @@ class RunningMachine(PartsOfState):
 
     @property
     def readings(self) -> Array:
-        """What field sensors show (s,), T; nothing of position sensors."""
+        """Readings of field sensors (s,), T; empty for position sensors."""
         return np.array(self._loop.seen[SIGNALS : len(self._loop.seen) - self.machine.drive.coils])
 
     @property
     def measured_currents(self) -> Array:
-        """Currents (n,), A, as they are measured with these readings."""
+        """Currents (n,), A, measured with these readings."""
         return np.array(self._loop.seen[SIGNALS + len(self.readings) :])
 
     @property
@@ -572,7 +572,7 @@ class RunningMachine(PartsOfState):
 
 
 def given_outputs(gives: str, lower: ArrayLike = -np.inf, upper: ArrayLike = np.inf) -> FunctionController:
-    """The outputs and limits of a machine whose caller gives the outputs, as a controller that is never called."""
+    """Kind and limits of outputs that the caller gives, as a controller that is never called."""
 
     def given(time: float, measured: Array, reference: Array, state: Array) -> Array:
         raise AssertionError

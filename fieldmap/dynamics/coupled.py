@@ -1,5 +1,6 @@
-"""Controllers of all axes at once: linear-quadratic-Gaussian regulators on physical states, scheduled over the height;
-feedback linearisation; feed-forward along a trajectory by the inverse map. docs/theory/closed_loop.md (14)..(22)."""
+"""Controllers of all axes at once: linear-quadratic-Gaussian regulators on physical states, scheduled over the
+height; feedback linearisation; feed-forward along a trajectory by the inverse map: docs/theory/closed_loop.md
+(14)..(22)."""
 
 from __future__ import annotations
 
@@ -38,10 +39,10 @@ _ROUNDS = 20
 class LqgWeights(Record):
     """Weights and noise for which a regulator and its estimator are designed; x, y and z of the map.
 
-    place (m), speed (m/s), output: deviations of position, velocity and outputs that count alike (Bryson's rule); lean
-    (rad), angular_velocity (rad/s): further ones, of a body that turns. sensor: standard deviation of the readings, m;
-    1 um unless given. force: noise of the force on the body, N per root of Hz; drift: of the unknown force, N per root
-    of a second.
+    place (m), speed (m/s), output: deviations of position, velocity and outputs with equal cost (Bryson's rule); lean
+    (rad), angular_velocity (rad/s): the same for a body that turns. sensor: standard deviation of the readings, m; by
+    default 1 um. force: noise of the force on the body, N per root of Hz; drift: of the unknown force, N per root of
+    a second.
     """
 
     place: Annotated[
@@ -99,15 +100,15 @@ def lqg_block(
     Parameters
     ----------
     linear
-        The machine, at whose operating point the memory begins.
+        The machine; the memory begins at its operating point.
     weights
-        Deviations that count alike, and noise.
+        Deviations with equal cost, and noise.
     period, delay
         s.
     limits
         Lowest and highest outputs (m,); the estimator predicts with the limited outputs.
     shown
-        What the sensors show of the past (k, 3, 3), as of `shares_of_the_past`; the present unless given.
+        Shares of past positions in the readings (k, 3, 3), from `shares_of_the_past`; by default only the present.
 
     Returns
     -------
@@ -128,28 +129,28 @@ def lqg_block(
 
 
 def lag_in_model(sensors: Sensors, period: float) -> Array:
-    """What `lqg_block` takes for the past that sensors show: their latency.
+    """Argument `shown` of `lqg_block` for sensors with a latency.
 
-    Means of scans, which would cost states for each sample, are left out.
+    Averages of scans are neglected, because they would add states for each sample.
 
     Parameters
     ----------
     sensors
         The sensors.
     period
-        Of the control task, s.
+        Control period, s.
 
     Returns
     -------
     Array
-        (k, 3, 3), as of `shares_of_the_past`.
+        Shares (k, 3, 3), as from `shares_of_the_past`.
     """
     return shares_of_the_past(sensors, period) if max(sensors.means) == 1 else np.eye(3)[None]
 
 
 class _Model:
-    """X+ = F X + S u + f, y = H X + h with X = states, unknown force (3), last outputs (m), and the sensed point at the
-    last samples; none is a deviation."""
+    """X+ = F X + S u + f, y = H X + h with X = states, unknown force (3), last outputs (m), and the sensed point at
+    the last samples, all as absolute values."""
 
     def __init__(self, linear: LinearMachine, period: float, delay: float, shown: Array) -> None:
         sampled = sampled_machine(linear, period, delay)
@@ -218,12 +219,11 @@ def _block(
     model: _Model, linear: LinearMachine, gain: Array, taken: Array, limits: tuple[Array, Array] | None
 ) -> ControllerBlock:
     n, m = model.n, model.m
-    # Steady deviations of states and outputs per metre of the reference, and, with the sensed point held, per newton
-    # of an unknown force.
+    # Steady deviations of states and outputs per metre of the reference, and per newton of an unknown force.
     both = np.block([[linear.A, linear.B], [linear.C, np.zeros((3, m))]])
     asked = np.block([[np.zeros((n, 3)), -linear.G[:, :3]], [np.eye(3), np.zeros((3, 3))]])
     by_reference, by_force = np.hsplit(np.linalg.lstsq(both, asked, rcond=None)[0], 2)
-    # u = u0 + U_r (r - y0) + U_d d - K (deviation from the states that reference and force ask for), (18).
+    # u = u0 + U_r (r - y0) + U_d d - K (deviation from the steady states for reference and force), (18).
     from_reference = by_reference[n:] + gain @ by_reference
     size = len(model.F)
     states = np.hstack(
@@ -247,9 +247,9 @@ def _block(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ScheduledController(Record):
-    """Blocks for equally spaced heights of the reference (z of the map, m), from `first` by `step`. Between them they
-    are interpolated, beyond them the nearest acts. Their memories must mean the same. In a run all take the limits of
-    the first."""
+    """Blocks for equally spaced heights of the reference (z of the map, m), from `first` by `step`, with linear
+    interpolation. Beyond the heights the nearest block acts. The memories of all blocks must have the same meaning. A
+    run uses the limits of the first block."""
 
     blocks: tuple[ControllerBlock, ...]
     first: float
@@ -277,7 +277,7 @@ class ScheduledController(Record):
         return arrays_of(self.blocks, (self.first, self.step, float(_HEIGHT)))
 
     def inverse(self, state: Array) -> None:
-        """None: the outputs go to the allocation as they are.
+        """None: the outputs go directly to the allocation.
 
         Parameters
         ----------
@@ -372,7 +372,7 @@ class ForceController(Record):
         block, inverse = self.block, np.linalg.inv(np.asarray(per_output, float))
         D = inverse @ block.D
         D[:, 3:6] += inverse @ np.asarray(stiffness, float)
-        # The estimator takes the wanted forces, also where the limits of the signals reduce the real ones.
+        # The estimator uses the wanted forces, even if the limits of the signals reduce the actual ones.
         A, B = block.A + block.E @ block.C, block.B + block.E @ block.D
         return state_block(A, B, inverse @ block.C, D, None, self.lower, self.upper, block.memory)
 
@@ -387,7 +387,7 @@ def force_controller(
     delay: float = 0.0,
     rounds: int = 2,
 ) -> ForceController:
-    """A regulator that is the same at every place, because it asks for a force.
+    """A regulator of the force, which is the same at every position.
 
     The inverse map of the machine's own field turns the force into signals. The regulator is designed for a free mass.
     Eddy currents, drag, and the field's stiffness between samples act on it as unknown forces.
@@ -395,11 +395,11 @@ def force_controller(
     Parameters
     ----------
     machine
-        The machine whose field is inverted.
+        The machine with the field of the inverse map.
     operating_point
         Operating point at the start.
     weights
-        Weights; `output` holds the forces, N, that count as much as the deviations.
+        Weights; `output` holds the forces, N, with the same cost as the deviations.
     period, delay
         s.
     lower, upper
@@ -437,8 +437,8 @@ def force_controller(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory(Record):
-    """Forces and outputs that a reference needs, one row per control period. forces (p, 3): on the magnet, N; outputs
-    (p, 3): for the allocation, which make them; left (p,): force that is missing because of the outputs' limits, N."""
+    """Forces and outputs for a reference, one row per control period. forces (p, 3): on the magnet, N; outputs (p,
+    3): for the allocation, which give these forces; left (p,): missing force because of the outputs' limits, N."""
 
     forces: Array
     outputs: Array
@@ -457,22 +457,22 @@ def trajectory(
     """Forces and outputs along the references of a schedule.
 
     The force is mass times acceleration, plus the force that carries the weight, plus the forces that overcome drag
-    and eddy currents at the reference's velocity. The inverse map at the reference's position gives the outputs for it.
-    Each row is for the middle of the time in which its outputs act. The body keeps the orientation of the operating
-    point.
+    and eddy currents at the reference's velocity. The inverse map at the reference's position gives the outputs for
+    this force. Each row is computed for the middle of the time in which its outputs act. The body keeps the
+    orientation of the operating point.
 
     Parameters
     ----------
     machine
         The machine; its allocation takes three outputs.
     operating_point
-        Where the run begins.
+        Operating point at the start.
     schedule
         The references.
     lower, upper
         Limits of the outputs (3,).
     fastest
-        Speed, m/s, above which a change of the reference counts as a step, whose motion is not fed forward.
+        Speed, m/s, above which a change of the reference is a step without feed-forward.
     largest
         Largest acceleration that is fed forward, m/s^2.
 
@@ -484,7 +484,7 @@ def trajectory(
     Raises
     ------
     Infeasible
-        Where the path leaves the map.
+        If the path leaves the map.
     InputError
         For a machine whose allocation does not take three outputs.
     """
@@ -514,7 +514,7 @@ def outputs_for(
     lower: Array,
     upper: Array,
 ) -> tuple[Array, Array]:
-    """The inverse map: outputs at which the magnet of a body feels given forces.
+    """The inverse map: outputs that give forces on the magnet of a body.
 
     The search begins at the outputs of the operating point and goes from row to row.
 
@@ -534,7 +534,7 @@ def outputs_for(
     Returns
     -------
     tuple[Array, Array]
-        Outputs (p, 3), and the force that they lack (p,), N.
+        Outputs (p, 3), and the missing force (p,), N.
 
     Raises
     ------
@@ -560,9 +560,10 @@ def outputs_for(
 
 
 def feedforward(controller: Controller, schedule: Schedule, path: Trajectory) -> Array:
-    """Feed-forward with which a controller gives what the trajectory needs while the body is on the path.
+    """Feed-forward with which a controller gives the outputs of the trajectory while the body is on the path.
 
-    It is the outputs of the trajectory (for a `ForceController`, its forces) minus the outputs of the controller alone.
+    It is the outputs of the trajectory (for a `ForceController`, its forces) minus the outputs of the controller
+    alone.
 
     Parameters
     ----------
@@ -588,7 +589,7 @@ def feedforward(controller: Controller, schedule: Schedule, path: Trajectory) ->
 
 
 def _motion(path: Array, period: float, fastest: float, largest: float) -> tuple[Array, Array]:
-    """Velocity and acceleration (p, 3) of a path; both 0 where it steps, accelerations limited to the largest."""
+    """Velocity and acceleration (p, 3) of a path; 0 at steps, with accelerations limited to the largest."""
     if len(path) < 3:
         return np.zeros_like(path), np.zeros_like(path)
     velocity = np.gradient(path, period, axis=0)

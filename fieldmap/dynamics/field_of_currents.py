@@ -1,7 +1,7 @@
-"""How the field of a map follows currents that change all the time: what a compiled loop superposes.
+"""The field of a map as a function of changing currents, for compiled loops.
 
-Linear iron: the coils' fields. Saturating iron: its model solved as the currents go, a table over a current
-parametrisation, or linearised about currents.
+Linear iron: a superposition of the coils' fields. Saturating iron: its model, solved whenever the currents change, a
+table over a current parametrisation, or a linearisation about currents.
 """
 
 from __future__ import annotations
@@ -37,22 +37,22 @@ from fieldmap.store import Grid, MapData, Provenance, StoredLinkage
 from fieldmap.typing import Array
 
 SPACING = 5e-3
-"""Distance of the nodes at which a field that is no map is sampled, m."""
+"""Default distance of the nodes at which a field that is not a map is sampled, m."""
 FEWEST_CELLS = 4
 EXACT = 1e-9
-"""Tolerance of the model of the iron in searches, and for slopes by differences."""
+"""Tolerance of the model of the iron in searches and for slopes by differences."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FieldOfCurrents(Record):
-    """block: coefficients of the fields. Their weights follow the currents, times `scale`, a calibration: by the
-    `model` of saturating iron, by a `table`, or, without both, in proportion. assumptions; tolerance: share of the
-    state that solves of the model may leave, in the norm of the energy; constant: whether something that no current
-    drives makes a field, too; iron: "linear", "linearised", "table" or "model"; remembered: what iron with hysteresis
-    remembers where a run begins, of the C core; empty for other iron; loop: size of the loops, A, whose slopes linear
-    models take (`linearise`), None for slopes of small changes; reaction: of the iron to magnets; largest: current of
-    the model's domain, A; sensors: what field sensors read of these fields, None of a map without; linkage: of the
-    coils, of which the model's iron adds its own; None where it is not known; field_map: whose field it is."""
+    """block: coefficients of the fields. Their weights, times the calibration `scale`, follow the currents by the
+    `model` of saturating iron, by a `table`, or, without both, in proportion. tolerance: relative error of the
+    model's solves, in the energy norm; constant: whether there is a field that no current drives; iron: "linear",
+    "linearised", "table" or "model"; remembered: memory of iron with hysteresis at the start of a run, for the C
+    core; empty for other iron; loop: size of the loops, A, whose slopes linear models use (`linearise`), None for
+    slopes of small changes; reaction: of the iron to magnets; largest: largest current of the model's domain, A;
+    sensors: readings of field sensors in these fields, None for a map without sensors; linkage: of the coils, without
+    saturating iron, or None if unknown; field_map: the map of this field."""
 
     block: Array
     assumptions: tuple[str, ...]
@@ -72,7 +72,7 @@ class FieldOfCurrents(Record):
 
     @cached_property
     def map(self) -> CoreMap:
-        """The fields as the C core takes them, all of which have weights."""
+        """The fields for the C core. Every field has a weight."""
         return CoreMap(self.block, 3, False, *core_of(self.reaction))
 
     def plant(
@@ -84,23 +84,23 @@ class FieldOfCurrents(Record):
         search: bool = False,
         coils: Array | None = None,
     ) -> Plant:
-        """Body and coils in this field, with a model of the iron that remembers nothing of others.
+        """Body and coils in this field, with a new state of the model of the iron.
 
         Parameters
         ----------
         body
             Numbers of the body.
         seen_at
-            Point of the body that the sensors see (3,), m.
+            Sensed point in the body (3,), m.
         windings
-            Numbers of the windings, of `CoilDrive.numbers`.
+            Numbers of the windings, from `CoilDrive.numbers`.
         drives
             Numbers of the drives.
         search
-            Whether currents are trials of a search, or of slopes by differences, and no path: the model of the
-            iron is then solved to `EXACT`, and iron with hysteresis remembers nothing of them.
+            Whether currents are trials of a search or of slopes by differences. The model of the iron is then solved
+            to `EXACT`, and iron with hysteresis does not remember the currents.
         coils
-            Numbers of coils that linkages couple (n, 15), in the place of the windings.
+            Numbers of coils that linkages couple (n, 15), which replace the windings.
 
         Returns
         -------
@@ -136,17 +136,17 @@ class FieldOfCurrents(Record):
 
 
 def sampled_field(field: Field, spacing: float = SPACING) -> FieldMap:
-    """A field as a map in memory, which compiled loops can evaluate; a map is returned as it is.
+    """A field as a map in memory, which compiled loops can evaluate; a map is returned unchanged.
 
-    The fields and gradients of the coils, and of what no current drives, are taken once at the nodes of a grid over the
-    field's box, and interpolated as those of a map file.
+    The fields and gradients of the coils, and those that no current drives, are computed once at the nodes of a grid
+    over the field's box, and interpolated as in a map file.
 
     Parameters
     ----------
     field
-        The sum of its coils' fields and of one that no current drives, with a box.
+        A sum of the coils' fields and a field that no current drives, with a box.
     spacing
-        Of the nodes, m, or a little less.
+        Largest distance of the nodes, m.
 
     Returns
     -------
@@ -156,8 +156,7 @@ def sampled_field(field: Field, spacing: float = SPACING) -> FieldMap:
     Raises
     ------
     InputError
-        For a field without a box, and for one that is not such a sum, as of saturating iron: make a saturating map of
-        it.
+        For a field without a box, and for one that is not such a sum, as with saturating iron: make a map of it.
     """
     if isinstance(field, FieldMap):
         return field
@@ -166,7 +165,7 @@ def sampled_field(field: Field, spacing: float = SPACING) -> FieldMap:
     remedy = "make a map of the device with its saturating iron (fieldmap map) and give that"
     check(field.affine, "field", must, f"{type(field).__name__}, which does not superpose", remedy)
     lower, upper = require_bounds(field)
-    # As the grid of a map file; a part in 1e9 is rounding.
+    # The grid is the same as in a map file; the factor allows for rounding.
     cells = np.maximum(np.ceil((upper - lower) / spacing * (1.0 - 1e-9)), FEWEST_CELLS)
     nx, ny, nz = (int(count) + 1 for count in cells)
     grid = Grid(lower, (upper - lower) / cells, (nx, ny, nz))
@@ -199,7 +198,7 @@ def superposed(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
     field_map
         Opened map of linear iron.
     scale
-        A calibration, by which all of the field is multiplied.
+        Calibration factor of the whole field.
 
     Returns
     -------
@@ -218,19 +217,18 @@ def superposed(field_map: FieldMap, scale: float = 1.0) -> FieldOfCurrents:
 def linearised(
     field_map: FieldMap, currents: ArrayLike, scale: float = 1.0, loop: float | None = None
 ) -> FieldOfCurrents:
-    """The field of a map of saturating iron, linear in the currents about given ones: fast, and right near
-    them only.
+    """The field of a map of saturating iron, linearised about currents: fast, but accurate only near them.
 
     Parameters
     ----------
     field_map
-        Opened map. One of linear iron is taken as it is.
+        Opened map. A map of linear iron is used without change.
     currents
         Currents (n,), A, about which the field is linear.
     scale
-        A calibration, by which all of the field is multiplied.
+        Calibration factor of the whole field.
     loop
-        A: with slopes of loops of this size, instead of derivatives, as for `FieldMap.by_currents`.
+        Size of loops, A, whose slopes replace derivatives, as for `FieldMap.by_currents`.
 
     Returns
     -------
@@ -254,19 +252,19 @@ def linearised(
 
 
 def modelled(field_map: FieldMap, scale: float = 1.0, loop: float | None = None) -> FieldOfCurrents:
-    """The field of a map of saturating iron at any currents: its model.
+    """The field of a map of saturating iron at any currents, by its model.
 
-    The model is solved anew at every step at which currents change, each solve from the last ones. Currents
-    beyond the map's domain are solved, too, and noted.
+    The model is solved at every step at which currents change, starting from the last solves. Solves at currents
+    outside the map's domain are allowed and counted.
 
     Parameters
     ----------
     field_map
-        Opened map. One of linear iron is taken as it is.
+        Opened map. A map of linear iron is used without change.
     scale
-        A calibration, by which all of the field is multiplied.
+        Calibration factor of the whole field.
     loop
-        A: linear models take the slopes of loops of this size, instead of derivatives.
+        Size of loops, A, whose slopes replace derivatives in linear models.
 
     Returns
     -------
@@ -276,7 +274,7 @@ def modelled(field_map: FieldMap, scale: float = 1.0, loop: float | None = None)
     Raises
     ------
     NotConverged
-        Where the model has no solution in the domain.
+        If the model has no solution in the domain.
     InputError
         For a loop that is not positive.
     """
@@ -306,19 +304,19 @@ def tabled(
 ) -> FieldOfCurrents:
     """The field of a map of saturating iron over its division (u, x, y), by a table.
 
-    Beside the division and beyond the table the field goes on with the table's slopes.
+    For currents off the division or outside the table, the field is extrapolated with the table's slopes.
 
     Parameters
     ----------
     field_map
         Opened map of saturating iron over a division.
     nodes
-        Nodes of u, x and y of a table made now; the table of `open_map(..., tabulate_currents=True)` unless
-        given.
+        Numbers of nodes for u, x and y of a new table; by default the table of `open_map(...,
+        tabulate_currents=True)` is used.
     scale
-        A calibration, by which all of the field is multiplied.
+        Calibration factor of the whole field.
     loop
-        A: linear models take the slopes of loops of this size, instead of derivatives.
+        Size of loops, A, whose slopes replace derivatives in linear models.
 
     Returns
     -------
@@ -348,8 +346,7 @@ def _following(
     model: CoreIron | None = None,
     table: CoreTable | None = None,
 ) -> FieldOfCurrents:
-    """The field of a map by its coefficients, those of unit weights unless a block is given. note: what it assumes of
-    the iron."""
+    """The field of a map. block: coefficients, by default those of the map; note: assumption about the iron."""
     check_positive("FieldOfCurrents", scale=scale)
     calibration = "" if scale == 1.0 else f"field of the map times {scale:g}, a calibration"
     reaction = (

@@ -1,4 +1,4 @@
-"""Field sensors in a closed loop, in the place of position sensors: docs/field_sensors.md."""
+"""Field sensors in a closed loop, instead of position sensors: docs/field_sensors.md."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from fieldmap.typing import Array
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FieldSensors(Sensors):
-    """The controller sees the machine through field sensors.
+    """Field sensors as the sensors of a controller.
 
-    Unlike position sensors they read the field of coils, iron, magnets and background. reads: the sensors, of the
-    fields of the machine's `FieldOfCurrents`. elements: the electronics of each (s,), of equal latency.
-    current_deviation: noise of the measured currents, A. curve: finds the height of the sensed point; None: there is no
-    estimator, and a controller function gets the readings (s,), T, and currents (n,), A. beside (2,): x and y, m, that
-    the loop then takes for the sensed point's.
+    The sensors read the field of coils, iron, magnets and background. reads: the sensors in the fields of the
+    machine's `FieldOfCurrents`. elements: the electronics of each sensor (s,), with equal latencies.
+    current_deviation: noise of the measured currents, A. curve: gives the height of the sensed point; None: there is
+    no estimator, and a controller function gets the readings (s,), T, and currents (n,), A. beside (2,): with a
+    curve, the assumed x and y of the sensed point, m.
 
-    deviations, scan_rate and latency are those of a position sensor that shows the height as late and as noisy, for
-    the design of controllers and for linear models.
+    deviations, scan_rate and latency describe a position sensor with the same delay and noise of the height, for the
+    design of controllers and for linear models.
     """
 
     reads: MapSensors | None = None
@@ -38,7 +38,7 @@ class FieldSensors(Sensors):
 
     @property
     def numbers(self) -> Sensing:
-        """As compiled loops take them, with a history of their own."""
+        """The numbers for compiled loops, with a new history."""
         assert self.reads is not None
         late, count = self.elements[0].latency, len(self.elements)
         sensing = FieldSensing(
@@ -61,12 +61,12 @@ class FieldSensors(Sensors):
         return np.array([*elements, *converters, *[self.current_deviation] * self.coils])
 
     def scans(self, duration: float) -> int:
-        """None: they are read at each sample.
+        """Number of scans: none, because the sensors are read at each sample.
 
         Parameters
         ----------
         duration
-            Of the run, s.
+            Duration of the run, s.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""A linear machine under its sampled controller: docs/theory/closed_loop.md (10)..(13)."""
+"""A linear machine with its sampled controller: docs/theory/closed_loop.md (10)..(13)."""
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -23,12 +23,11 @@ if TYPE_CHECKING:
 
 Complex = NDArray[Any]
 _FELT = 0.01
-"""Size of the unstable modes in the sensitivities of all outputs together, below which they are in no loop."""
+"""Sum over all outputs of the unstable modes in their sensitivities. Below it no output counts as unstable."""
 
 
 class SampledMachine(NamedTuple):
-    """x[n+1] = A x[n] + B u[n] + before u[n-1]; y = C x: outputs of the controller that reach the coils late by part of
-    a period."""
+    """x[n+1] = A x[n] + B u[n] + before u[n-1]; y = C x: outputs reach the coils with a delay of at most a period."""
 
     A: Array
     B: Array
@@ -39,13 +38,13 @@ class SampledMachine(NamedTuple):
         return tuple_line(self)
 
     def to_dict(self) -> dict[str, Plain]:
-        """The arrays by their names, as plain Python."""
+        """Return the arrays by name, as plain Python."""
         return plain_items(**self._asdict())
 
     def to_control(self, period: float) -> "python_control.StateSpace":
-        """A sampled state space of python-control; the states after those of x are the last outputs u[n-1].
+        """A sampled state space of python-control; its last states are the outputs u[n-1].
 
-        period: s. Raises FieldmapError where python-control is not installed.
+        period: s. Raises FieldmapError if python-control is not installed.
         """
         order, inputs = self.B.shape
         A = np.block([[self.A, self.before], [np.zeros((inputs, order + inputs))]])
@@ -55,14 +54,14 @@ class SampledMachine(NamedTuple):
 
 
 def sampled_machine(linear: LinearMachine, period: float, delay: float = 0.0) -> SampledMachine:
-    """The linear machine between samples, whose inputs change a delay after each: exact.
+    """The exact discretisation of a linear machine whose inputs change at a delay after each sample.
 
     Parameters
     ----------
     linear
         The machine.
     period
-        From sample to sample, s.
+        Sampling period, s.
     delay
         From a sample to the change of the inputs, s.
 
@@ -93,9 +92,8 @@ def sampled_machine(linear: LinearMachine, period: float, delay: float = 0.0) ->
 class ClosedLoop(Record):
     """A machine and its controller as one sampled system, z[n+1] = A z[n] + B r[n]; period: s.
 
-    z: states of the machine, outputs of the last period, memory of the controller, and where the body was at the last
-    samples, if its sensors take means. C z: the sensed point; r: its
-    reference; both as deviations. machine, controller: what it is made of.
+    z: states of the machine, outputs of the last period, memory of the controller, and, if the sensors average, the
+    positions at the last samples. C z: the sensed point, r: its reference, as deviations. machine, controller: parts.
     """
 
     A: Array
@@ -107,7 +105,7 @@ class ClosedLoop(Record):
 
     @property
     def poles(self) -> Complex:
-        """In q; stable inside the unit circle."""
+        """Poles in the z-plane; stable inside the unit circle."""
         return scipy.linalg.eigvals(self.A)
 
     @property
@@ -116,9 +114,9 @@ class ClosedLoop(Record):
         return bool(np.abs(self.poles).max() < 1.0)
 
     def to_control(self) -> "python_control.StateSpace":
-        """A sampled state space of python-control: references to sensed places, "x", "y", "z", all as deviations.
+        """A sampled state space of python-control, from references to sensed positions "x", "y", "z" (deviations).
 
-        Raises FieldmapError where python-control is not installed.
+        Raises FieldmapError if python-control is not installed.
         """
         model = StateSpace(self.A, self.B, self.C, np.zeros((len(self.C), self.B.shape[1])))
         axes = ("x", "y", "z")
@@ -128,18 +126,18 @@ class ClosedLoop(Record):
 def close_loop(
     linear: LinearMachine, controller: ControllerBlock, schedule: Schedule, sensors: Sensors | None = None
 ) -> ClosedLoop:
-    """The linear machine under a controller.
+    """Close the loop of a linear machine and a controller.
 
     Parameters
     ----------
     linear
         The machine.
     controller
-        Its block.
+        The block of the controller.
     schedule
-        Whose period and delay the loop has.
+        Schedule with the period and the delay.
     sensors
-        Whose scans, means and latency stand between; without them sensors show what is.
+        Sensors with their scans, averages and latency; by default the sensors are ideal.
 
     Returns
     -------
@@ -155,7 +153,7 @@ def close_loop(
     applied = k.B + k.E @ k.D
     older = np.eye(late, late, -3)
     latest = np.vstack([machine.C, np.zeros((max(late - 3, 0), n))])[:late]
-    # What the controller says of this sample, of states, last outputs, memory, and the past.
+    # Outputs of the controller at this sample, from states, last outputs, memory, and the past.
     said = np.hstack([listen @ now, np.zeros((m, m)), k.C, listen @ past])
     moved = np.hstack([machine.A, machine.before, np.zeros((n, size + late))]) + machine.B @ said
     kept = np.hstack([np.zeros((size, n + m)), k.A + k.E @ k.C, np.zeros((size, late))])
@@ -167,8 +165,7 @@ def close_loop(
 
 
 def _without_constants(block: ControllerBlock) -> ControllerBlock:
-    """A block without what never changes in its memory, such as the integral of a PD controller: poles at 1 that mean
-    nothing."""
+    """A block without constant numbers in its memory, such as the integral of a PD controller, a pole at 1."""
     changes = (np.eye(len(block.A)) != block.A).any(axis=1) | block.B.any(axis=1) | block.E.any(axis=1)
     return replace(
         block,
@@ -183,8 +180,8 @@ def _without_constants(block: ControllerBlock) -> ControllerBlock:
 
 
 def shares_of_the_past(sensors: Sensors, period: float) -> Array:
-    """(k, 3, 3): what is seen is the sum of them times where the body was k samples ago; lags of scans and of the hold
-    between means, shared out to the samples on both sides."""
+    """Shares (k, 3, 3) of past positions in a reading: the reading is the sum over k of the shares times the position
+    k samples ago. A lag of the scans and of the hold between averages is split between the samples on both sides."""
     if not sensors.scan_rate:
         return np.eye(3)[None]
     scan = 1.0 / sensors.scan_rate
@@ -203,9 +200,9 @@ def shares_of_the_past(sensors: Sensors, period: float) -> Array:
 def margins(
     loop: ClosedLoop, names: tuple[str, ...], sensors: Sensors | None = None, points: int = 4000
 ) -> list[Margins]:
-    """Margins at each output of a controller, also where the loop is unstable: `Margins.unstable` shows whose it is.
+    """Margins at each output of a controller, also of an unstable loop (`Margins.unstable`).
 
-    The scans' clock runs free of the controller's, so their answer is the mean over how the two may lie.
+    The clocks of scans and controller are independent, so the response of the sensors is a mean over their phase.
 
     Parameters
     ----------
@@ -214,14 +211,14 @@ def margins(
     names
         Names of the outputs.
     sensors
-        Whose scans, means and latency turn the phase; sensors show the present position unless given.
+        Sensors whose scans, averages and latency add phase lag; by default the sensors are ideal.
     points
-        Frequencies, from 1 mHz to half the sampling rate.
+        Number of frequencies, from 1 mHz to half the sampling rate.
 
     Returns
     -------
     list[Margins]
-        Margins of these outputs, in their order.
+        Margins of these outputs, in the same order.
     """
     frequencies = np.geomspace(1e-3, 0.5 / loop.period, points)
     rates = 2.0 * np.pi * frequencies
@@ -236,8 +233,8 @@ def margins(
 
 
 def sensor_answer(sensors: Sensors, rate: float) -> Complex:
-    """What scanning sensors show of a sine of this angular frequency, 1/s: (3, 3), from where the body is to what is
-    seen, (12) for each sensor along its own axis."""
+    """Frequency response (3, 3) of scanning sensors from position to reading at an angular frequency, 1/s; (12) for
+    each sensor along its own axis."""
     if not sensors.scan_rate:
         return np.eye(3)
     into, back = sensors.numbers.into, sensors.numbers.back
@@ -247,13 +244,13 @@ def sensor_answer(sensors: Sensors, rate: float) -> Complex:
 def _mean_of_scans(sensors: Sensors, n: int, rate: float) -> complex:
     scan = 1.0 / sensors.scan_rate
     mean = np.exp(-1j * rate * scan * np.arange(n)).mean()
-    # Shown from one mean to the next: a hold of n scans, sampled at any moment of it.
+    # Each average is held for n scans, and sampled at any time of the hold.
     half = 0.5 * rate * n * scan
     return complex(mean * np.exp(-1j * (rate * sensors.latency * scan + half)) * np.sinc(half / np.pi))
 
 
 def _opened(loop: ClosedLoop, rates: Array, sensors: Sensors | None) -> Complex:
-    """(n, m): the loop opened at one output, others closed, so that 1 + l is 0 at the border of stability."""
+    """(n, m): the loop opened at one output, with the other loops closed; 1 + l is 0 at the border of stability."""
     q = np.exp(1j * rates * loop.period)[:, None, None]
     machine, k = loop.machine, loop.controller
     plant = machine.C @ np.linalg.solve(
@@ -267,14 +264,14 @@ def _opened(loop: ClosedLoop, rates: Array, sensors: Sensors | None) -> Complex:
 
 
 def _unstable_sensitivity(loop: ClosedLoop, rates: Array) -> Complex:
-    """(n, m): the part of the unstable modes in S_jj(q) = 1 + c_j (q - A)^-1 b_j, the answer of what reaches the
-    machine at one output of the controller to a change of it there."""
+    """(n, m): the part of the unstable modes in the sensitivity S_jj(q) = 1 + c_j (q - A)^-1 b_j, the response of the
+    machine's input at one output of the controller to a change there."""
     order, outputs = loop.machine.B.shape
     T, Z, count = scipy.linalg.schur(loop.A, output="complex", sort=lambda pole: abs(pole) >= 1.0)
     if not count:
         return np.zeros((len(rates), outputs), dtype=complex)
     first, rest = slice(count), slice(count, None)
-    # Rows of the inverse of a basis in which the unstable modes stand apart.
+    # Rows of the inverse of a basis that separates the unstable modes.
     apart = scipy.linalg.solve_sylvester(T[first, first], -T[rest, rest], -T[first, rest])
     rows = Z[:, first].conj().T - apart @ Z[:, rest].conj().T
     said = loop.A[order : order + outputs] @ Z[:, first]

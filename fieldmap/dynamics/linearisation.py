@@ -1,5 +1,5 @@
-"""The motion of a machine, linear about an operating point, docs/theory/closed_loop.md (7)..(9), and what it does by
-itself: poles, the axes they move, controllability, observability, coupling."""
+"""The motion of a machine, linearised about an operating point, docs/theory/closed_loop.md (7)..(9): poles, modes,
+controllability, observability, coupling."""
 
 from __future__ import annotations
 
@@ -27,16 +27,15 @@ from fieldmap.typing import Array
 if TYPE_CHECKING:
     import control as python_control
 
-# Steps of the differences: m, rad, m/s, rad/s; A. Wide enough for the steps of a map from cell to cell (1e-7 of the
-# field), narrow enough for what is left out, which is of fourth order.
+# Steps of the differences: m, rad, m/s, rad/s; A. They are large against the steps of a map between cells (1e-7 of
+# the field), and small enough for the truncation error, which is of fourth order.
 _STEPS, _CURRENT_STEP = (2e-4, 2e-3, 1e-4, 1e-3), 5e-3
-# Shares of a step at which a function is taken, and what they count: central differences of fourth order.
+# Central differences of fourth order: positions in units of the step, and weights.
 _STENCIL = ((-2.0, 1.0 / 12.0), (-1.0, -8.0 / 12.0), (1.0, 8.0 / 12.0), (2.0, -1.0 / 12.0))
-# Units in which deviations are of a size: a millimetre, a tenth of a radian, and what they are in a tenth of a second,
-# a volt of an integral, a tenth of an ampere.
+# Units in which typical deviations are of order one: 1 mm, 0.1 rad, 10 mm/s, 1 rad/s, 1 V of an integral, 0.1 A.
 _UNITS = {"turn": 0.1, "angular_velocity": 1.0, "velocity": 1e-2, "integral": 1.0, "i": 0.1}
 _MILLI = 1e-3
-# What a velocity is the velocity of.
+# Position or angle of each velocity.
 _AXIS_OF = {f"velocity_{k}": k for k in "xyz"} | {f"angular_velocity_{k}": f"turn_{k}" for k in "xyz"}
 VELOCITIES = ("velocity_x", "velocity_y", "velocity_z")
 MOTION = (
@@ -44,22 +43,21 @@ MOTION = (
     *VELOCITIES,
     *("angular_velocity_x", "angular_velocity_y", "angular_velocity_z"),
 )
-"""Names of the states of a body that may turn, in their order; of one that may not, positions and velocities."""
+"""Names of the states of a body that may turn, in order; other bodies have only positions and velocities."""
 ABOUT_Z = ("turn_z", "angular_velocity_z")
-"""The states of a body's turn about its magnet's axis."""
+"""The states of the rotation about the magnet's axis."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LinearMachine(Record):
     """dx/dt = A x + B u + G w, y = C x + D u, all as deviations from an operating point.
 
-    x: position of the centre of mass (3), m; turn (3), rad, about the body's own axes, and at the end the angular
-    velocity (3), rad/s, of a body that may turn; velocity (3), m/s; currents, A, of amplifiers with a time constant and
-    of coils with voltages; integrals, V, of current controllers. states: their names, "x", "turn_x", "velocity_x",
-    "angular_velocity_x" and so on (`MOTION`), "i1" of a current, "integral1".
-    u: the controller's outputs, such as lift (V), x and y. w: force (3), N, and torque (3), N m, in the frame of
-    the map. y: the sensed point (3), m. at_rest (n,): the states at the operating point, whose turns count as 0.
-    operating_point: what it is linear about. assumptions: what it rests on.
+    x: position of the centre of mass (3), m; turn (3), rad, about the body's own axes, of a body that may turn;
+    velocity (3), m/s; angular velocity (3), rad/s, of a body that may turn; currents, A, of amplifiers with a time
+    constant and of coils with voltages; integrals, V, of current controllers. states: their names, "x", "turn_x",
+    "velocity_x", "angular_velocity_x" and so on (`MOTION`), "i1" for a current, "integral1". u: the controller's
+    outputs, such as lift (V), x and y. w: force (3), N, and torque (3), N m, frame of the map. y: the sensed point
+    (3), m. at_rest (n,): the states at the operating point, where turns are 0.
     """
 
     A: Array
@@ -76,18 +74,18 @@ class LinearMachine(Record):
 
     @property
     def model(self) -> StateSpace:
-        """(A, B, C, D), as fieldmap.control and scipy.signal take them."""
+        """(A, B, C, D) for fieldmap.control and scipy.signal."""
         return StateSpace(self.A, self.B, self.C, self.D)
 
     def to_control(self) -> python_control.StateSpace:
         """A state space of python-control with the names of states, inputs and outputs: u to y, without the loads w.
 
-        Raises FieldmapError where python-control is not installed.
+        Raises FieldmapError if python-control is not installed.
         """
         return self.model.to_control(None, self.states, self.inputs, self.outputs)
 
     def only(self, names: tuple[str, ...]) -> LinearMachine:
-        """The machine with some of its states alone, the others held.
+        """The machine with only some of its states; the other states are held.
 
         Parameters
         ----------
@@ -102,7 +100,7 @@ class LinearMachine(Record):
         Raises
         ------
         InputError
-            For names that are not of its states.
+            For a name that is not a state.
         """
         must = f"must be among {', '.join(self.states)}"
         for name in names:
@@ -113,8 +111,8 @@ class LinearMachine(Record):
 
     @property
     def forces(self) -> tuple[Array, Array]:
-        """Forces on the body at rest by its position (3, 3), N/m, and by the inputs (3, m), N, with the currents that
-        these lead to."""
+        """Derivatives of the force on the body at rest with respect to its position (3, 3), N/m, and to the inputs
+        (3, m), N, with the steady currents of the inputs."""
         moves = [self.states.index(name) for name in VELOCITIES]
         coils = [k for k, name in enumerate(self.states) if name not in MOTION]
         mass = 1.0 / self.G[moves[0], 0]
@@ -123,25 +121,25 @@ class LinearMachine(Record):
 
 
 def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachine:
-    """The machine, linear about an operating point.
+    """Linearise a machine about an operating point.
 
     Derivatives are central differences of fourth order of the right-hand side that the compiled loop integrates:
-    magnet, eddy currents and drag; walls, limits, converters and noise have no part. Where a table of saturating iron
-    has a corner they are the mean of both sides. Ideal drives steer currents (2): a winding's R and L bound how fast a
-    large change goes and have no part in a small one. With all other drives the currents are states, with the
-    inductances at the operating point and the voltages that the moving body induces, (26).
+    magnet, eddy currents and drag, without walls, limits, converters and noise. At a corner of a table of saturating
+    iron they are the mean of both sides. With ideal drives the currents follow the commands (2), because R and L of a
+    winding limit only large changes. With all other drives the currents are states, with the inductances at the
+    operating point and the voltages that the moving body induces, (26).
 
-    The slopes by the outputs of iron with hysteresis are those of loops, docs/theory/hysteresis.md (6), about the
-    operating point, to which the currents go straight from the memory: each output swings so that the current that it
-    changes most swings by `FieldOfCurrents.loop` to either side, by 5 mA unless that is given. With a loop that is
-    given, slopes of other iron are central differences over it.
+    Iron with hysteresis has the slopes of loops about the operating point, docs/theory/hysteresis.md (6). The
+    currents go straight from the memory to the operating point. Then each output swings so that the current with the
+    largest change swings by `FieldOfCurrents.loop`, by default 5 mA, to either side. If a loop is given for other
+    iron, its slopes are central differences over the loop.
 
     Parameters
     ----------
     machine
-        Whose motion it is.
+        The machine.
     operating_point
-        From `find_operating_point`.
+        Result of `find_operating_point`.
 
     Returns
     -------
@@ -151,15 +149,15 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
     Raises
     ------
     OutsideMapError
-        For a point at the map's edge.
+        For a point at the edge of the map.
     InputError
-        For a drive that needs flux linkages, with a map without.
+        If the drive needs flux linkages, and the map has none.
     """
     body, state, coils = machine.body, operating_point.state, machine.drive.coils
     core, out = replace(machine, walls=None).core(1.0, search=True), np.empty(STATE)
 
     def rates(deviation: Array, core: CoreMachine = core) -> Array:
-        """Of position, turn, velocity, angular velocity (12,), without that of the turn, about the operating point."""
+        """Rates of position, turn (as 0), velocity, angular velocity (12,) near the operating point."""
         moved = _moved(state, deviation[:12])
         core.follow(operating_point.currents + deviation[12:])
         where, there = "linearise(operating_point)", f"{moved[:3].tolist()} m"
@@ -183,7 +181,7 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
     if machine.magnetic.loop is not None or machine.magnetic.remembered.size:
         slopes[:, 12:] = _of_loops(machine, rates, slopes[:, 12:], commanded)
         loop = (f"slopes by the currents of loops of {machine.magnetic.loop or _CURRENT_STEP:g} A",)
-    # The turn follows the angular velocity, which is zero there: exact to first order.
+    # The rate of the turn is the angular velocity, which is 0 at the operating point: exact to first order.
     slopes[3:6, 9:12], slopes[:6, 12:] = np.eye(3), 0.0
     A, by_current = slopes[np.ix_(rows, rows)], slopes[rows, 12:]
     R, zeros = rotation(state), np.zeros((3, 3))
@@ -192,7 +190,7 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
     pushed = np.block([[np.eye(3) / body.mass, zeros], [zeros, R.T / body.inertia[:, None]]])
     G = np.vstack([np.zeros((6, 6)), pushed])[rows]
     names = tuple(MOTION[row] for row in rows)
-    # Masses times accelerations by the currents are the voltages by the velocities, too.
+    # Mass times the derivative of acceleration by current is also the derivative of the voltage by velocity.
     masses = np.concatenate([np.zeros(6), np.full(3, body.mass), body.inertia])[rows]
     of_coils = _coil_states(machine, operating_point, masses[:, None] * by_current, commanded)
     more = len(of_coils.names)
@@ -215,8 +213,8 @@ def linearise(machine: Machine, operating_point: OperatingPoint) -> LinearMachin
 
 
 class _CoilStates(NamedTuple):
-    """States (c,) of the coils, currents first: their slopes by the motion (c, rows), by themselves (c, c) and by the
-    outputs (c, m); their names, values at rest (c,), and what they assume."""
+    """States (c,) of the coils, currents first. Derivatives with respect to the motion (c, rows), these states (c, c)
+    and the outputs (c, m); names, values at rest (c,), and an assumption."""
 
     by_motion: Array
     by_itself: Array
@@ -229,8 +227,8 @@ class _CoilStates(NamedTuple):
 def _coil_states(
     machine: Machine, operating_point: OperatingPoint, pulls: Array, commanded: Array
 ) -> _CoilStates:
-    """What lies between commands and currents. commanded (n, m): slopes of the commands by the outputs; pulls (rows,
-    n): of forces and torques by the currents."""
+    """Dynamics from commands to currents. commanded (n, m): derivatives of the commands by the outputs; pulls (rows,
+    n): derivatives of forces and torques by the currents."""
     drive, currents = machine.drive, operating_point.currents
     n, still = drive.coils, np.zeros_like(pulls.T)
     names = tuple(f"i{k + 1}" for k in range(n))
@@ -261,8 +259,8 @@ def _coil_states(
 
 
 def _inductance(machine: Machine, operating_point: OperatingPoint) -> Array:
-    """Derivatives of all flux linkages by the currents (n, n), H: those of coils and iron, and the part of the payload,
-    whose soft iron and whose field in saturating iron follow the currents."""
+    """Derivatives of all flux linkages with respect to the currents (n, n), H. The payload contributes, because its
+    soft iron, and its field in saturating iron, depend on the currents."""
     of, body, currents = machine.magnetic, machine.body, operating_point.currents
     state = operating_point.state
     own, R = of.field_map.inductance(currents), rotation(state)
@@ -283,15 +281,15 @@ def _inductance(machine: Machine, operating_point: OperatingPoint) -> Array:
 def _of_loops(
     machine: Machine, rates: Callable[[Array, CoreMachine], Array], slopes: Array, commanded: Array
 ) -> Array:
-    """Slopes (12, n) of `rates` by the currents that are those of loops along each output, commanded (n, outputs), and
-    elsewhere as given."""
+    """Slopes (12, n) of `rates` by the currents: slopes of loops along each output, commanded (n, outputs), and the
+    given slopes in other directions."""
     most, size = np.abs(commanded).max(axis=0), machine.magnetic.loop or _CURRENT_STEP
     swings = commanded * np.divide(size, most, out=np.zeros_like(most), where=most > 0.0)
     on_path = replace(machine, walls=None, magnetic=replace(machine.magnetic, tolerance=EXACT))
     secants = []
     for swing in swings.T:
         core, still = on_path.core(1.0), np.zeros(12)
-        # To the operating point, and twice round.
+        # Go to the operating point, then twice round the loop.
         *_, plus, minus = [
             rates(np.append(still, turn * swing), core) for turn in (0.0, 1.0, -1.0, 1.0, -1.0)
         ]
@@ -300,7 +298,7 @@ def _of_loops(
 
 
 def _moved(state: Array, deviation: ArrayLike) -> Array:
-    """A state (13,) moved by position, turn about the body's own axes, velocity and angular velocity (12,)."""
+    """A state (13,) after a deviation (12,): position, turn about the body's axes, velocity, angular velocity."""
     d = check_signal("linearise", deviation)
     angle = float(np.linalg.norm(d[3:6]))
     half = 0.5 * np.sinc(0.5 * angle / np.pi) * d[3:6]
@@ -315,7 +313,7 @@ def _moved(state: Array, deviation: ArrayLike) -> Array:
 
 
 def moved_state(linear: LinearMachine, deviation: ArrayLike) -> Array:
-    """The state (13,) of the machine that a deviation (states,) of the linear model stands for."""
+    """The state (13,) of the machine at a deviation (states,) of the linear model."""
     given = check_signal("moved_state(deviation)", deviation)
     twelve = np.zeros(12)
     for name, value in zip(linear.states, given, strict=True):
@@ -326,11 +324,11 @@ def moved_state(linear: LinearMachine, deviation: ArrayLike) -> Array:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mode(Record):
-    """A pole, 1/s, with the shares (states,) that its states have in it (sum 1), and how it is coupled to both sides.
+    """A pole, 1/s, with the shares (states,) of the states in it (sum 1), and its coupling to inputs and outputs.
 
-    input_gains (inputs,), output_gains (outputs,): sizes of its left vector times B and of C times its right vector,
-    both vectors of length 1 in units of 1 mm, 0.1 rad, 10 mm/s, 1 rad/s, 0.1 A: zeros where an input cannot move it, an
-    output not show it.
+    input_gains (inputs,), output_gains (outputs,): absolute values of the left eigenvector times B and of C times the
+    right eigenvector, for vectors of length 1 in units of 1 mm, 0.1 rad, 10 mm/s, 1 rad/s, 0.1 A. A zero means that
+    the input cannot excite the mode, or the output does not show it.
     """
 
     pole: complex
@@ -340,16 +338,16 @@ class Mode(Record):
 
     @property
     def frequency(self) -> float:
-        """Hz, of its oscillation."""
+        """Frequency of the oscillation, Hz."""
         return float(abs(self.pole.imag) / (2.0 * np.pi))
 
     @property
     def damping(self) -> float:
-        """Ratio: 1 does not swing, negative grows; NaN for an integrator, whose pole is zero."""
+        """Damping ratio: 1 does not oscillate, negative is unstable; NaN for an integrator, whose pole is zero."""
         return float(-self.pole.real / abs(self.pole)) if self.pole else float("nan")
 
     def named_shares(self, linear: LinearMachine, least: float = 0.05) -> dict[str, float]:
-        """Shares by x, y, z and turn_x..: positions with their velocities, those above `least`."""
+        """Shares above `least` by x, y, z and turn_x..: a position includes its velocity."""
         found: dict[str, float] = {}
         for name, share in zip(linear.states, self.shares, strict=True):
             key = _AXIS_OF.get(name, name)
@@ -368,11 +366,11 @@ def modes(linear: LinearMachine) -> list[Mode]:
     Returns
     -------
     list[Mode]
-        The modes, the most unstable first. A pole that is zero to rounding is zero.
+        The modes, most unstable first. A pole that is zero within rounding is set to zero.
     """
     A, B, C = _in_units(linear)
     poles, left, right = scipy.linalg.eig(A, left=True)
-    # Of a double pole half of the digits are rounding.
+    # A double pole is accurate to half of the digits.
     poles[np.abs(poles) < np.sqrt(np.finfo(float).eps) * np.linalg.norm(A, 2)] = 0.0
     found = []
     for k in np.lexsort((-poles.imag, -poles.real.round(9))):
@@ -394,11 +392,11 @@ def _unit_of(state: str) -> float:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Controllability(Record):
-    """Whether every mode can be moved by the inputs and is shown by the outputs (Popov, Belevitch and Hautus).
+    """Controllability and observability of the modes, by the test of Popov, Belevitch and Hautus.
 
-    controllability, observability: smallest singular value of [A - s, B] and [A - s; C] over the modes with a real part
-    above `above`, in the units of `Mode`: 0 where a mode is not controllable, or not observable. worst_input,
-    worst_output: the poles.
+    controllability, observability: smallest singular value of [A - s, B] and [A - s; C] over the modes with a real
+    part above `above`, in the units of `Mode`: 0 means that a mode is not controllable, or not observable.
+    worst_input, worst_output: the poles of these minima.
     """
 
     controllability: float
@@ -438,11 +436,11 @@ def controllability(linear: LinearMachine, above: float = -np.inf) -> Controllab
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Coupling(Record):
-    """How the outputs answer the inputs at one frequency, Hz (0: constant inputs, as if it were stable).
+    """Coupling of the axes at one frequency, Hz (0: constant inputs, as if the machine were stable).
 
-    gain (outputs, inputs): m per unit, complex sizes taken; relative (outputs, inputs): relative gains, real parts:
-    each output's answer to an input with the others' inputs still, over that with the other outputs held. The identity
-    (with rows and columns in their order) means that the axes do not know of each other (Bristol 1966).
+    gain (outputs, inputs): absolute values, m per unit; relative (outputs, inputs): real parts of the relative gains.
+    A relative gain is the response of an output to an input with the other inputs constant, divided by the response
+    with the other outputs held. The identity means that the axes are decoupled (Bristol 1966).
     """
 
     frequency: float
@@ -451,14 +449,14 @@ class Coupling(Record):
 
 
 def coupling(linear: LinearMachine, frequency: float = 0.0) -> Coupling:
-    """Gains and relative gains of a machine with as many inputs as outputs.
+    """Gains and relative gains of a machine with equal numbers of inputs and outputs.
 
     Parameters
     ----------
     linear
-        The machine. Inputs are taken in the order of x, y, z where they are lift, x and y.
+        The machine. The inputs lift, x and y are sorted in the order x, y, z.
     frequency
-        Where the gains are taken, Hz.
+        Frequency of the gains, Hz.
 
     Returns
     -------
@@ -466,12 +464,12 @@ def coupling(linear: LinearMachine, frequency: float = 0.0) -> Coupling:
         The gains.
     """
     s = 2j * np.pi * frequency
-    # A magnet may turn about its axis as it likes: at rest that is a state of pole zero which no input moves. The
-    # shortest of all solutions leaves it still; an elimination would divide rounding by rounding.
+    # The rotation of a magnet about its axis is a state with pole zero that no input drives, so the matrix is
+    # singular at frequency 0. The least-squares solution of minimum norm leaves this state at 0.
     states = np.linalg.lstsq(s * np.eye(len(linear.A)) - linear.A, linear.B, rcond=None)[0]
     answer = linear.C @ states + linear.D
     if linear.inputs[:1] == ("lift_V",):
         answer = answer[:, [1, 2, 0]]
-    # The pseudo-inverse is the inverse, and takes an input that moves nothing (a coil less than axes) for none.
+    # The pseudo-inverse ignores an input without effect (fewer coils than axes); otherwise it is the inverse.
     relative = answer * np.linalg.pinv(answer).T
     return Coupling(frequency, np.abs(answer) if frequency else answer.real, relative.real)

@@ -34,12 +34,12 @@ EVENTS = {
 
 @dataclass(frozen=True, repr=False)
 class IronUse(Record):
-    """What a run took for the iron. model: "linear", "linearised" (saturating iron, about currents), "table" (over a
-    current parametrisation) or "model" (the map's own, solved whenever currents changed).
+    """The model of the iron in a run. model: "linear", "linearised" (saturating iron, about currents), "table" (over
+    a current parametrisation) or "model" (of the map, solved whenever currents change).
 
-    Of "model" only: solves, their Newton steps in all; unsolved: solves that did not converge, at which the iron stayed
-    as it was before; outside: solves at currents beyond the map's domain, where the model goes on without a known
-    error.
+    The counts are for "model" only. solves, newton_steps: numbers of solves and of all their Newton steps; unsolved:
+    solves that did not converge and left the iron unchanged; outside: solves at currents outside the map's domain,
+    where the error of the model is unknown.
     """
 
     model: str = "linear"
@@ -51,8 +51,8 @@ class IronUse(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WindingUse(Record):
-    """Of coupled coils in a run, (n,) each: heat of each winding and energy that its drive gave, J; times, s, of the
-    first recorded samples at which a winding was hotter than its limit, NaN for none."""
+    """Windings of coupled coils in a run, (n,) each: heat, and energy from the drive, J; time of the first recorded
+    sample at which the winding was hotter than its limit, s, NaN for none."""
 
     heat: Array
     energy: Array
@@ -61,7 +61,7 @@ class WindingUse(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Event(Record):
-    """Why a run ended early. name: short; about: a sentence; time, s; state (13,) and currents (n,) at that moment."""
+    """The event that ended a run early. name: short; about: a sentence; time, s; state (13,), currents (n,)."""
 
     name: str
     about: str
@@ -79,7 +79,7 @@ class PartsOfState:
     @property
     @abstractmethod
     def state(self) -> Array:
-        """Place, velocity, quaternion, angular velocity (..., 13)."""
+        """Position, velocity, quaternion, angular velocity (..., 13)."""
 
     @property
     def position(self) -> Array:
@@ -88,17 +88,17 @@ class PartsOfState:
 
     @property
     def velocity(self) -> Array:
-        """Of the centre of mass (..., 3), m/s."""
+        """Velocity of the centre of mass (..., 3), m/s."""
         return self._part(VELOCITY, 3)
 
     @property
     def quaternion(self) -> Array:
-        """Body to map (..., 4), w first."""
+        """Quaternion from the body to the map (..., 4), w first."""
         return self._part(TURN, 4)
 
     @property
     def angular_velocity(self) -> Array:
-        """(..., 3), rad/s, in the frame of the body."""
+        """Angular velocity (..., 3), rad/s, frame of the body."""
         return self._part(ANGULAR_VELOCITY, 3)
 
     def _part(self, first: int, count: int) -> Array:
@@ -109,12 +109,12 @@ class PartsOfState:
 class LevitationRun(PartsOfState, LoopRun):
     """A closed-loop run of a magnet on a map; one row per recorded control period, taken at its beginning.
 
-    time (r,), s. rows (r, 13 + 2 n + 3 + m): state, currents, commanded currents, what the controller sees, its
-    outputs. references (r, 3), m. event: why it ended early, or None. touched: walls that were met, and
-    "currents" if they were ever beyond the table of saturating iron, or the domain of its model. seen_at (3,): the
-    sensed point in the body. forces: whether the outputs are forces, N, that the inverse map makes. output_names (m,):
-    of the outputs, where they are not. iron: what it took for the iron, and how its solves went. windings: of coupled
-    coils, whose rows have voltages and temperatures (2 n) at their end; None for ideal drives.
+    time (r,), s. rows (r, 13 + 2 n + 3 + m): state, currents, commanded currents, measured position, outputs.
+    references (r, 3), m. event: the event that ended the run early, or None. touched: walls that the body touched,
+    and "currents" if they left the table of saturating iron or the domain of its model. seen_at (3,): the sensed
+    point in the body. forces: whether the outputs are forces, N, for an inverse map. output_names (m,): of other
+    outputs. iron: the model of the iron, and its solves. windings: of coupled coils, which add voltages and
+    temperatures (2 n) to the rows; None for ideal drives.
     """
 
     rows: Array
@@ -130,7 +130,7 @@ class LevitationRun(PartsOfState, LoopRun):
 
     @property
     def state(self) -> Array:
-        """Place, velocity, quaternion, angular velocity (r, 13)."""
+        """Position, velocity, quaternion, angular velocity (r, 13)."""
         return self.rows[:, :STATE]
 
     @property
@@ -140,33 +140,33 @@ class LevitationRun(PartsOfState, LoopRun):
 
     @property
     def commanded(self) -> Array:
-        """Currents that are asked for when the sample is taken, (r, n), A."""
+        """Commanded currents at the time of the sample (r, n), A."""
         return self.rows[:, STATE + self.coils : STATE + 2 * self.coils]
 
     @property
     def seen(self) -> Array:
-        """Position of the sensed point as the controller sees it (r, 3), m."""
+        """Measured position of the sensed point (r, 3), m."""
         first = STATE + 2 * self.coils
         return self.rows[:, first : first + 3]
 
     @property
     def outputs(self) -> Array:
-        """Of the controller (r, m)."""
+        """Outputs of the controller (r, m)."""
         return self.rows[:, STATE + 2 * self.coils + 3 : self._coupled.start]
 
     @property
     def _coupled(self) -> slice:
-        """Columns of what coupled coils add to a row."""
+        """Columns of a row for voltages and temperatures of coupled coils."""
         return slice(self.rows.shape[1] - (0 if self.windings is None else 2 * self.coils), None)
 
     @property
     def voltages(self) -> Array:
-        """Of coupled coils (r, n), V: means of the mechanical steps before; (r, 0) of others."""
+        """Voltages of coupled coils (r, n), V, means over the last mechanical step; (r, 0) for ideal drives."""
         return self.rows[:, self._coupled][:, : self.coils]
 
     @property
     def temperatures(self) -> Array:
-        """Of the windings of coupled coils (r, n), degC; (r, 0) of others."""
+        """Temperatures of the windings of coupled coils (r, n), degC; (r, 0) for ideal drives."""
         return self.rows[:, self._coupled][:, self.coils :]
 
     @property
@@ -176,7 +176,7 @@ class LevitationRun(PartsOfState, LoopRun):
 
     @property
     def response(self) -> Array:
-        """`sensed`, for which the references are (r, 3), m."""
+        """The signal that follows the references (r, 3), m: `sensed`."""
         return self.sensed
 
     @property
@@ -186,12 +186,12 @@ class LevitationRun(PartsOfState, LoopRun):
 
 
 def tilt_of(quaternion: Array) -> Array:
-    """Angle (...,) of the axis of a body against the vertical, rad, of its quaternions (..., 4), w first."""
+    """Angle (...,) of the axis of a body against the vertical, rad, from its quaternions (..., 4), w first."""
     return np.asarray(2.0 * np.arcsin(np.clip(np.hypot(quaternion[..., 1], quaternion[..., 2]), 0.0, 1.0)))
 
 
 def event_of(number: int, time: float, state: Array, currents: Array) -> Event | None:
-    """The event behind a kernel's number; None for a run that went to its end."""
+    """The event of a number of the core; None for a run that reached its end."""
     if number == GOES_ON:
         return None
     name, about = EVENTS[number]
@@ -201,7 +201,7 @@ def event_of(number: int, time: float, state: Array, currents: Array) -> Event |
 def recorded(
     run: LevitationRun, coil_names: tuple[str, ...], about: dict[str, object] | None = None
 ) -> RunRecord:
-    """All signals of a run with units and columns; how it ended, its state at that moment, and what it assumes."""
+    """All signals of a run with units and columns, its end with the state at that time, and its assumptions."""
     coils = ", ".join(coil_names)
     arrays = {
         "time": (run.time, "s", "time"),
@@ -232,7 +232,7 @@ def recorded(
 
 
 def _outputs(run: LevitationRun, coil_names: tuple[str, ...]) -> tuple[Array, str, str]:
-    """Outputs with their unit and what their columns are."""
+    """Outputs, their unit, and the names of their columns."""
     if run.forces:
         return run.outputs, "N", "x, y, z of the force that is asked for"
     for unit in "AV":

@@ -1,5 +1,5 @@
-"""A levitation machine as data: the field of the currents, body, control allocation, surroundings; its coils with their
-amplifiers, from the controller's voltages to currents; its position sensors."""
+"""A levitation machine as data: field of the currents, body, control allocation, surroundings, coils with their
+amplifiers, and position sensors."""
 
 from __future__ import annotations
 
@@ -46,23 +46,22 @@ CONTACTS = {
     "currents": LIBRARY.BEYOND,
 }
 DRIVES = ("ideal", *COUPLED)
-"""What drives the coils: a source of current, without coupling; or voltages, with the coils coupled by the map."""
+"""Drives of the coils: an ideal current source without coupling, or voltage drives of coils that the map couples."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CoilDrive(Record):
-    """One amplifier for each of n coils, all alike.
+    """Equal amplifiers for n coils.
 
-    amplifier: gain, limits of voltage and current, noise. converter: of the controller's outputs; None: no steps.
-    resistance (n,), ohm, inductance (n,), H: of the windings, without mutual inductance; None: currents follow at once.
-    supply: lowest and highest voltage at a winding, V. time_constant: of the amplifier's own answer, s; 0: as fast as
-    the supply allows. docs/theory/closed_loop.md (1), (2).
-    mode: one of `DRIVES`. In all but "ideal" the coils obey V = R i + d(linkage)/dt with the linkages of the map, which
-    need the resistance and no inductance: docs/theory/electrical.md. A "current_controller" takes amperes as the ideal
-    source does; of a "voltage" source the amplifier's gain is in V/V; of a "bridge" it is duty per V. Its limits of
-    current hold in all. With a bandwidth the controller's gains are those for `inductance`, of the map at zero currents
-    unless given. slope: of what is asked for, A/s, or V/s of a source of voltage. heating: None for windings that
-    stay as they are.
+    amplifier: gain, limits of voltage and current, noise. converter: of the controller's outputs; None: no rounding.
+    resistance (n,), ohm, inductance (n,), H: of the windings, without mutual inductance; None: currents follow at
+    once. supply: lowest and highest voltage at a winding, V. time_constant: of the amplifier, s; 0: as fast as the
+    supply allows. docs/theory/closed_loop.md (1), (2). mode: one of `DRIVES`. In all modes but "ideal" the coils obey
+    V = R i + d(linkage)/dt with the linkages of the map and the resistance: docs/theory/electrical.md. The unit of
+    the amplifier's gain is A/V for "ideal" and "current_controller", V/V for "voltage", and duty per V for "bridge".
+    Its limits of the current apply in all modes. If the controller has a bandwidth, its gains are computed for
+    `inductance`, by default that of the map at zero currents. slope: largest rate of the demand, A/s, or V/s for a
+    voltage source. heating: None for windings of constant temperature.
     """
 
     amplifier: Amplifier
@@ -120,19 +119,19 @@ class CoilDrive(Record):
 
     @property
     def gives_voltage(self) -> bool:
-        """Whether what is asked for is a voltage, or the duty that makes it, and not a current."""
+        """Whether the drive takes a voltage, or a duty, instead of a current."""
         return self.mode in ("voltage", "bridge")
 
     @property
     def drives(self) -> Array:
-        """(n, 7), in the order of fieldmap_drive (fieldmap/core/instruments.h)."""
+        """Numbers (n, 7), in the order of fieldmap_drive (fieldmap/core/instruments.h)."""
         a, c = self.amplifier, self.converter
         step, widest = (0.0, np.inf) if c is None else (c.resolution, c.range)
         if self.gives_voltage:
             volts = self.supply[1] if self.mode == "bridge" else 1.0
             ends = max(a.lower, -widest), min(a.upper, widest)
             return np.tile([step, *ends, volts * a.gain, volts * a.offset, *self.supply], (self.coils, 1))
-        # Also the voltages of the current's limits: a loop tells by the voltage that a limit holds.
+        # Voltage limits include the current limits, because a loop detects an active limit by the voltage.
         lower = max(a.lower, -widest, (a.current_lower - a.offset) / a.gain)
         upper = min(a.upper, widest, (a.current_upper - a.offset) / a.gain)
         row = [step, lower, upper, a.gain, a.offset, a.current_lower, a.current_upper]
@@ -140,8 +139,7 @@ class CoilDrive(Record):
 
     @property
     def steady(self) -> tuple[Array, Array]:
-        """Lowest and highest currents (n,), A, that last: of converter and amplifier, and of supply over
-        resistance."""
+        """Lowest and highest steady currents (n,), A, within the limits of converter, amplifier and supply."""
         _, lower, upper, gain, offset, *_ = self.drives.T
         low, high = gain * lower + offset, gain * upper + offset
         if self.gives_voltage:
@@ -155,8 +153,7 @@ class CoilDrive(Record):
 
     @property
     def steady_response(self) -> tuple[Array, Array]:
-        """Gain (n,), A/V, and offset (n,), A, of the currents that last, without limits, by the controller's
-        voltages."""
+        """Gain (n,), A/V, and offset (n,), A, from the controller's voltages to steady currents, without limits."""
         gain, offset = self.drives[:, 3], self.drives[:, 4]
         if self.gives_voltage:
             return gain / self._at_ambient, offset / self._at_ambient
@@ -164,7 +161,7 @@ class CoilDrive(Record):
 
     @property
     def _loss(self) -> tuple[float, float]:
-        """Voltage, V, that a bridge loses against the current, and the current, A, within which it is in proportion."""
+        """Voltage drop of a bridge, V, and the current, A, below which the drop is proportional to the current."""
         if self.bridge is None or self.mode != "bridge":
             return 0.0, 0.0
         return self.bridge.loss(self.supply[1]), self.bridge.ripple
@@ -177,7 +174,7 @@ class CoilDrive(Record):
         return np.asarray(self.resistance * (1.0 + warmer))
 
     def slope_of_fall(self, currents: Array) -> Array:
-        """Slopes by the currents of the voltages that coupled coils and their drives lose.
+        """Differential resistances of coupled coils and their drives.
 
         Parameters
         ----------
@@ -187,19 +184,19 @@ class CoilDrive(Record):
         Returns
         -------
         Array
-            Slopes (n,), ohm.
+            Derivatives (n,) of the voltage drop with respect to the current, ohm.
         """
         loss, ripple = self._loss
         small = np.abs(currents) < ripple
         return self._at_ambient + np.where(small, loss / (ripple or 1.0), 0.0)
 
     def at_rest(self, inputs: Array) -> Array:
-        """Currents that last, without limits and steps.
+        """Steady currents, without limits and rounding.
 
         Parameters
         ----------
         inputs
-            Of the amplifiers (n,), V.
+            Inputs of the amplifiers (n,), V.
 
         Returns
         -------
@@ -215,7 +212,7 @@ class CoilDrive(Record):
         return np.asarray(np.where(np.abs(small) < ripple, small, beyond))
 
     def holding(self, currents: Array) -> Array:
-        """What is asked of coils whose currents last: currents, or the voltages of a drive that gives them.
+        """Commands that hold currents: the currents, or the voltages of a voltage drive.
 
         Parameters
         ----------
@@ -233,12 +230,12 @@ class CoilDrive(Record):
         return np.asarray(self._at_ambient * currents + loss * np.clip(currents / (ripple or 1.0), -1.0, 1.0))
 
     def coil_numbers(self, inductance: Array) -> Array:
-        """Coupled coils as the C core takes them, in the order of fieldmap_coil (fieldmap/core/electrical.h).
+        """Coupled coils for the C core, in the order of fieldmap_coil (fieldmap/core/electrical.h).
 
         Parameters
         ----------
         inductance
-            Of the map at zero currents (n, n), H.
+            Inductances of the map at zero currents (n, n), H.
 
         Returns
         -------
@@ -260,13 +257,12 @@ class CoilDrive(Record):
         return np.column_stack([self.resistance, supply, proportional, integral, rest])
 
     def numbers(self, step: float) -> Array:
-        """The drive as the C core takes it for one step, in the order of fieldmap_winding
-        (fieldmap/core/currents.h).
+        """The drive for the C core, in the order of fieldmap_winding (fieldmap/core/currents.h).
 
         Parameters
         ----------
         step
-            Length of the step, s.
+            Length of a mechanical step, s.
 
         Returns
         -------
@@ -275,7 +271,7 @@ class CoilDrive(Record):
         """
         numbers, largest = np.zeros((self.coils, 4)), np.finfo(float).max
         numbers[:, 1] = np.exp(-step / self.time_constant) if self.time_constant else 0.0
-        # Without windings nothing but the amplifier's answer: 0 times infinity must not come up.
+        # Without windings only the amplifier acts. The bounds are finite, because 0 times infinity is NaN.
         numbers[:, 2:] = largest, -largest
         if self.resistance is not None and not self.coupled:
             numbers[:, 0] = np.exp(-self.resistance * step / self.inductance)
@@ -294,21 +290,21 @@ def drive_of_device(
     """The drive of a device file: gain, current limit, supply and drive of [driver], resistance and inductance of its
     coils.
 
-    An input of a drive that gives a voltage is worth as many lasting amperes as that of a source of current, at the
-    mean resistance.
+    The gain of a voltage drive is set so that an input gives the same steady current as with a current source, at the
+    mean resistance of the coils.
 
     Parameters
     ----------
     device
-        With a [driver].
+        Device with a [driver].
     lowest_voltage
-        That the amplifier can put on a winding, V; minus the supply's unless given.
+        Lowest voltage at a winding, V; by default minus the supply voltage.
     choice
-        What it names takes the place of the file's drive.
+        Replaces the drive of the file.
     noise
         Standard deviation of the currents, A.
     more
-        Fields of `CoilDrive`, in the place of the file's.
+        Fields of `CoilDrive` that replace those of the file.
 
     Returns
     -------
@@ -318,7 +314,7 @@ def drive_of_device(
     Raises
     ------
     InputError
-        Where the file has no [driver], or the drive needs what the device does not have.
+        If the file has no [driver], or lacks numbers that the drive needs.
     """
     driver = device.driver
     if driver is None:
@@ -351,13 +347,13 @@ def drive_of_device(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sensors(Record):
-    """Two sensors that cross in the horizontal plane and one for the depth; ideal unless more is given.
+    """Two sensors that cross in the horizontal plane and one for the depth; ideal by default.
 
     frame: of the crossed sensors; without it they read x and y. zero_depth: depth below the map's origin at which the
-    third reads 0, m; it reads downward. deviations (3,): noise of
-    what each shows, m. rigs: measuring chain of each. voltage_noise: of their input converters, V. scan_rate: 1/s, 0
-    for sensors that show what is at each sample; averages, one number for all or one for each, latency: as in
-    `Micrometer`. measured_with: averages with which the deviations were measured; those that are set unless given.
+    third sensor reads 0, m; it reads downward. deviations (3,): noise of the readings, m. rigs: measuring chain of
+    each. voltage_noise: of their input converters, V. scan_rate: 1/s, 0 for sensors that read at the moment of
+    sampling; averages, one number for all or one for each, and latency: as in `Micrometer`. measured_with: averages
+    with which the deviations were measured; by default `averages`.
     """
 
     frame: SensorFrame | None = None
@@ -403,7 +399,7 @@ class Sensors(Record):
 
     @property
     def numbers(self) -> Sensing:
-        """As compiled loops take them."""
+        """The numbers for compiled loops."""
         into, shift = np.diag([1.0, 1.0, -1.0]), np.array([0.0, 0.0, -self.zero_depth])
         if self.frame is not None:
             shift[:2] = self.frame.to_local([0.0, 0.0, 0.0])[:2]
@@ -416,17 +412,17 @@ class Sensors(Record):
 
     @property
     def scan_deviations(self) -> Array:
-        """Noise of one scan (3,), m: white, so that the mean of n has it over the root of n."""
+        """Noise of one scan (3,), m. It is white: the mean of n scans has it divided by the square root of n."""
         with_how_many = (self.measured_with,) * 3 if self.measured_with else self.means
         return np.sqrt(with_how_many) * np.asarray(self.deviations)
 
     def scans(self, duration: float) -> int:
-        """How many scans fall into a run.
+        """Number of scans in a run.
 
         Parameters
         ----------
         duration
-            Of the run, s.
+            Duration of the run, s.
 
         Returns
         -------
@@ -437,7 +433,7 @@ class Sensors(Record):
 
 
 class ChainKeys(Table):
-    """Keys of the sensors' measuring chain, whose frame, rigs and noise of the converters these make."""
+    """Keys of the sensors' measuring chain, for their frame, rigs and noise of the converters."""
 
     angle_deg: float = Field(default=0.0, description="of the crossed sensors against x and y")
     step_mm: NotNegative = Field(default=0.0, description="resolution of the sensors")
@@ -464,13 +460,12 @@ class ChainKeys(Table):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Machine(Record):
-    """Everything that moves, senses and drives, but the controller.
+    """The whole machine without the controller.
 
-    magnetic: the field of the currents. allocation: from the controller's outputs to the voltages of the coils. ending:
-    what ends a run: the contacts "floor", "ceiling", "tube", and "currents" beyond the table of saturating iron or the
-    domain of its model.
-    longest_saturation: s, after which a limit of outputs, amplifiers or supply that holds without a break ends it, in
-    whole control periods, rounded up; 0 for never.
+    magnetic: the field of the currents. allocation: from the controller's outputs to the voltages of the coils.
+    ending: contacts that end a run, "floor", "ceiling", "tube", and "currents" outside the table of saturating iron
+    or the domain of its model. longest_saturation: time, s, for which a limit of outputs, amplifiers or supply may be
+    active without a break before the run ends, rounded up to whole control periods; 0 for no limit.
     """
 
     magnetic: FieldOfCurrents
@@ -498,7 +493,7 @@ class Machine(Record):
             check(self.magnetic.linkage is not None, "Machine(magnetic)", must, received, remedy)
 
     def end_numbers(self, period: float) -> Ending:
-        """What ends a run, as the compiled loop takes it.
+        """The ends of a run for the compiled loop.
 
         Parameters
         ----------
@@ -510,12 +505,12 @@ class Machine(Record):
         Ending
             The rules.
         """
-        # Whole periods that are no shorter; the rest is rounding of the quotient.
+        # The number of periods is rounded up; the factor allows for rounding of the quotient.
         longest = math.ceil(self.longest_saturation / period * (1.0 - 1e-9))
         return Ending(sum(CONTACTS[name] for name in self.ending), longest)
 
     def core(self, step: float, search: bool = False) -> CoreMachine:
-        """Everything that moves, as the C core takes it; a new one at every call.
+        """A new machine for the C core.
 
         Parameters
         ----------
@@ -535,14 +530,14 @@ class Machine(Record):
         )
         drives = self.drive.drives
         if search:
-            # A search is for what lasts.
+            # A search finds steady currents.
             drives[:, 3], drives[:, 4] = self.drive.steady_response
         plant = self.magnetic.plant(body, self.body.seen_at, windings, drives, search, coils)
         return CoreMachine(plant)
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What its motion rests on."""
+        """Assumptions of the motion."""
         drive = self.drive
         winding = "currents follow at once"
         low, high = drive.supply

@@ -1,4 +1,4 @@
-"""Motion at currents that do not change: by the compiled steps, and by an adaptive integrator that judges them."""
+"""Motion at constant currents, by compiled steps of fixed length, or by an adaptive integrator for comparison."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ORDERS = {"second": 2, "fourth": 4}
 @dataclass(frozen=True, eq=False, repr=False)
 class FixedCurrentsRun(Record):
     """time (n,), s; states (n, 13): position, velocity, quaternion (w, x, y, z) body to map, angular velocity in the
-    frame of the body. inside: whether the magnet was in the map to the end; touched: whether it met a wall."""
+    frame of the body. inside: whether the magnet stayed in the map; touched: whether the body touched a wall."""
 
     time: Array
     states: Array
@@ -50,11 +50,11 @@ def state_of(
     Parameters
     ----------
     position
-        Of the centre (3,), m.
+        Position of the centre of mass (3,), m.
     velocity
         (3,), m/s.
     quaternion
-        Turn of the body (4,), real part first; brought to length 1.
+        Orientation of the body (4,), real part first; it is normalised.
     angular_velocity
         (3,), rad/s.
 
@@ -85,35 +85,35 @@ def move(
     walls: Walls | None = None,
     every: int = 1,
 ) -> FixedCurrentsRun:
-    """The motion of a body in the field of given currents, by steps of fixed length.
+    """The motion of a body in the field of constant currents, by steps of fixed length.
 
     Parameters
     ----------
     field
         `m.at(currents)`.
     body
-        What moves.
+        The body.
     state
-        Where it begins (13,).
+        State at the start (13,).
     duration, step
         s.
     order
-        "second", Strang's splitting, one evaluation of the field a step, or "fourth", Yoshida's composition,
-        three. Both are symmetric in time, and symplectic without losses.
+        "second", Strang's splitting, with one evaluation of the field per step, or "fourth", Yoshida's composition,
+        with three. Both are symmetric in time, and symplectic without losses.
     drag, plate, walls
-        What it meets.
+        Surroundings of the body.
     every
         Steps from one row of the result to the next.
 
     Returns
     -------
     FixedCurrentsRun
-        The run, which ends where the magnet leaves the map.
+        The run, which ends when the magnet leaves the map.
 
     Raises
     ------
     InputError
-        For arguments that do not fit.
+        For invalid arguments.
     """
     check_positive("move", duration=duration, step=step)
     check_count("move", every=every)
@@ -137,18 +137,18 @@ def move_adaptively(
     plate: Plate | None = None,
     tolerance: float = 1e-12,
 ) -> Array:
-    """States by scipy's DOP853 on the right-hand side of `move`, to judge steps of fixed length.
+    """States by scipy's DOP853 on the right-hand side of `move`, to check steps of fixed length.
 
     Parameters
     ----------
     field, body, drag, plate
         As in `move`.
     state
-        Where it begins (13,).
+        State at the start (13,).
     times
-        (n,), s, the first that of `state`.
+        Times (n,), s; `state` is at the first one.
     tolerance
-        Relative, per step.
+        Relative tolerance per step.
 
     Returns
     -------
@@ -158,7 +158,7 @@ def move_adaptively(
     Raises
     ------
     NotConverged
-        Where the integrator stops, as it does where the magnet leaves the map.
+        If the integrator stops, for example because the magnet leaves the map.
     """
     moments = np.atleast_1d(check_signal("move_adaptively(times)", times))
     start = _checked("move_adaptively(state)", state)
@@ -178,7 +178,7 @@ def move_adaptively(
 
 
 def energy(field: MapAtCurrents, body: RigidBody, states: ArrayLike) -> Array:
-    """Kinetic energy, interaction -m . B and weight: constant without losses, dynamics.md (8).
+    """Kinetic energy, magnetic energy and potential energy of the weight; constant without losses: dynamics.md (8).
 
     Parameters
     ----------
@@ -222,14 +222,14 @@ def angular_momentum(body: RigidBody, states: ArrayLike) -> Array:
 
 
 def turned(quaternions: Array, vectors: Array) -> Array:
-    """Vectors (3,) or (n, 3) of the body, turned by quaternions (n, 4) into the map."""
+    """Vectors (3,) or (n, 3) of the body, rotated by quaternions (n, 4) into the map."""
     w, u = quaternions[:, :1], quaternions[:, 1:]
     twice = 2.0 * np.cross(u, vectors)
     return np.asarray(vectors + w * twice + np.cross(u, twice))
 
 
 def _in_field(field: MapAtCurrents, body: BodyNumbers) -> CoreMachine:
-    """A body in a field of one set of coefficients, of weight 1, without coils."""
+    """A body in a field with one set of coefficients of weight 1, without coils."""
     none = np.zeros((0, 4)), np.zeros((0, 7))
     return CoreMachine(Plant(core_map(field).map, body, np.zeros(3), 1.0, None, 1.0, None, *none))
 

@@ -1,4 +1,4 @@
-"""The operating point of a machine: the state and the outputs at which forces and torques balance."""
+"""The operating point of a machine: the state and the outputs in equilibrium of forces and torques."""
 
 from __future__ import annotations
 
@@ -18,15 +18,16 @@ from fieldmap.errors import NoEquilibrium
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-# Of the weight; the harmonic form of a map steps from cell to cell by about 1e-7 of its field.
+# Largest residual of an equilibrium, as a share of the weight. It exceeds the steps of a map in harmonic form between
+# cells, about 1e-7 of its field.
 _ACCURACY = 1e-6
-# Between the cells of a coarse map the force can step over zero: what is left there at most, of the weight.
+# Largest residual where the force steps over zero between cells of a coarse map, as a share of the weight.
 _STEP = 2e-4
-# How far from there the slopes must put the balance at most, and over how much they are taken, in the units below.
+# For `is_step`, in the units below: largest distance to the zero by the slopes, and half-width of the differences.
 _NEXT, _AROUND = 1e-2, 1e-3
-# Units of what is searched for: 1 mm, 0.1 rad, 1 V; of the balance: the weight, and the weight times 10 mm.
+# Units of the unknowns: 1 mm, 0.1 rad, 1 V; of the residual: the weight, and the weight times 10 mm.
 _MILLI, _LEAN, _LEVER = 1e-3, 0.1, 0.01
-# What is tried beside the guess of every output but the first, the lift.
+# Offsets from the guess that are tried for every output except the first one, the lift.
 _ASIDE = (0.0, 0.2, -0.2, 0.35, -0.35)
 
 
@@ -49,22 +50,22 @@ def find_operating_point(
     guess: ArrayLike = (0.0, 0.0, 0.0),
     near: ArrayLike = (0.0, 0.0, 0.0),
 ) -> OperatingPoint:
-    """The state in equilibrium with a given sensed point and given outputs, free where they are NaN.
+    """Find the equilibrium with a given sensed point and given outputs; NaN marks unknowns.
 
-    Three forces and two torques are balanced by the lean of the body (2; not of one that stays upright) and as many
-    numbers as there are NaN, which must be three: the lift is free where the height is given, and x or the x signal, y
-    or the y signal. Currents are those that the amplifiers make of the outputs, without limits and steps.
+    The unknowns are three numbers marked by NaN, and the lean of the body (2) unless it stays upright; the equations
+    are three forces and two torques. With a given height the lift is unknown; either x or the x signal, and either y
+    or the y signal are unknown. The amplifiers turn the outputs into currents without limits and rounding.
 
     Parameters
     ----------
     machine
-        What is in equilibrium.
+        The machine.
     sensed
         (3,), m.
     outputs
         (m,).
     guess, near
-        Outputs (m,) and sensed point (3,), m, where the search begins, of what is free.
+        Outputs (m,) and sensed point (3,), m, from which the search for the unknowns begins.
 
     Returns
     -------
@@ -74,9 +75,9 @@ def find_operating_point(
     Raises
     ------
     InputError
-        For another number of NaN.
+        If the number of NaN is not three.
     NoEquilibrium
-        Where the search ends with more than 1e-6 of the weight left; 2e-4 where the force steps over zero there, as
+        If the search ends with a residual above 1e-6 of the weight; above 2e-4 if the force steps over zero there, as
         between the cells of a coarse map: see `is_step`.
     """
     place, given = np.array(sensed, float), np.array(outputs, float)
@@ -94,7 +95,7 @@ def find_operating_point(
     )
 
     def parts(unknown: Array) -> tuple[Array, Array, Array]:
-        """State, currents and outputs of what is free: places, outputs, lean."""
+        """State, currents and outputs from the unknowns: positions, outputs, lean."""
         there, given = place.copy(), start.copy()
         there[free_place], given[free_output] = _MILLI * unknown[:free], unknown[free:3]
         lean = _LEAN * unknown[3:] if len(unknown) > 3 else np.zeros(2)
@@ -105,7 +106,7 @@ def find_operating_point(
         return state, machine.drive.at_rest(machine.allocation.voltages(given)), given
 
     def residual(unknown: Array) -> Array:
-        """Forces over the weight, torques about x and y over the weight times 10 mm; steep outside of the map."""
+        """Forces over the weight, torques about x and y over the weight times 10 mm; large outside the map."""
         state, currents, _ = parts(unknown)
         load = np.empty(6)
         inside = core.follow(np.ascontiguousarray(currents))
@@ -113,7 +114,7 @@ def find_operating_point(
             return np.full(len(unknown), 10.0 + float(np.abs(unknown).sum()))
         return np.concatenate([load[:3] / weight, load[3:5] / (weight * _LEVER)])[: len(unknown)]
 
-    # From near the place, upright, at the guessed outputs and some beside them.
+    # Search from the position `near`, upright, at the guessed outputs and at offsets from them.
     lift, *others = start[free_output]
     best = None
     for share, *aside in product((1.0, 0.8, 1.25), *[_ASIDE] * len(others)):
@@ -137,8 +138,9 @@ def find_operating_point(
 
 
 def is_step(residual: Callable[[Array], Array], x: Array) -> bool:
-    """Whether a residual that does not vanish at x (n,) steps over zero there: by its slopes about x it would within
-    0.01. Where it only comes near to zero, as beside a fold, the slopes vanish and zero is far.
+    """Return whether a residual that does not vanish at x (n,) steps over zero there: its slopes about x predict a
+    zero within 0.01. At a residual that only comes near zero, as at a fold, the slopes vanish and the predicted zero
+    is far.
 
     >>> is_step(lambda x: x + 1e-4 * np.sign(x), np.array([1e-9])), is_step(lambda x: x**2 + 1e-4, np.array([1e-9]))
     (True, False)

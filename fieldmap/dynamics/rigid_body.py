@@ -1,4 +1,4 @@
-"""A rigid body with a magnet in it, and what it meets beside the field: air, a conducting plate, walls."""
+"""A rigid body with a magnet, and its surroundings: air, a conducting plate, walls."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _RIM = 8
 _RIGID = 1e12  # kg m^2
 Three = tuple[float, float, float]
 NotNegatives = Annotated[list[NotNegative], Field(min_length=3, max_length=3)]
-"""Rule of three numbers, along the axes or of three sensors."""
+"""Rule for three numbers of 0 or more, along the axes or for three sensors."""
 
 _ZERO: Three = (0.0, 0.0, 0.0)
 
@@ -43,8 +43,8 @@ _ZERO: Three = (0.0, 0.0, 0.0)
 class Drag(Record):
     """Resistance of the air, by axes: docs/theory/dynamics.md (9), (10).
 
-    linear: N s/m along the axes of the map. body_linear: N s/m, body_quadratic: N s^2/m^2, along those of the body.
-    turning: N m s, turning_quadratic: N m s^2, about those of the body.
+    linear: N s/m along the axes of the map. body_linear: N s/m, body_quadratic: N s^2/m^2, along the axes of the
+    body. turning: N m s, turning_quadratic: N m s^2, about the axes of the body.
     """
 
     linear: Annotated[Three, Key(NotNegatives, "drag along the map's x, y, z", "N_s_per_m")] = _ZERO
@@ -62,14 +62,14 @@ class Drag(Record):
 
     @property
     def numbers(self) -> Array:
-        """(5, 3), in the order of fieldmap_drag (fieldmap/core/losses.h)."""
+        """Numbers (5, 3), in the order of fieldmap_drag (fieldmap/core/losses.h)."""
         return np.array(
             [self.linear, self.body_linear, self.body_quadratic, self.turning, self.turning_quadratic], float
         )
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What is not zero, in words."""
+        """The drag that is not zero, in words."""
         units = {
             "linear": "N s/m",
             "body_linear": "N s/m along the body's axes",
@@ -91,11 +91,11 @@ def _has_a_length(normal: list[float], info: ValidationInfo) -> None:
 
 @dataclass(frozen=True, repr=False)
 class Plate(Record):
-    """A conducting plate without end to the sides, on the other side of its face than the magnet.
+    """A conducting plate that extends to infinity sideways. Its face separates it from the magnet.
 
-    conductivity: S/m; thickness: m (infinite: a half space); face: a point of its face, m; normal: of the face, to the
-    side of the magnet, any length. Eddy currents are those of slow motion: their own field is left out, which is wrong
-    by the order of (speed / critical_speed)^2. docs/theory/dynamics.md (11)..(18).
+    conductivity: S/m; thickness: m (infinite: a half space); face: a point of its face, m; normal: of the face, to
+    the side of the magnet, any length. Eddy currents are computed for slow motion: their own field is neglected, with
+    a relative error of order (speed / critical_speed)^2. docs/theory/dynamics.md (11)..(18).
     """
 
     conductivity: Annotated[Positive, Key(..., "conductivity, 3.5e7 for aluminium", "S_per_m")]
@@ -112,12 +112,13 @@ class Plate(Record):
 
     @property
     def critical_speed(self) -> float:
-        """Maxwell's w = 2 / (mu0 conductivity thickness), m/s: images of eddies recede with it (Saslow 1992)."""
+        """Speed 2 / (mu0 conductivity thickness), m/s, at which images of eddy currents recede (Maxwell; Saslow
+        1992)."""
         return 2.0 / (MU0 * self.conductivity * self.thickness)
 
     @property
     def numbers(self) -> Array:
-        """(8,), in the order of fieldmap_plate (fieldmap/core/losses.h)."""
+        """Numbers (8,), in the order of fieldmap_plate (fieldmap/core/losses.h)."""
         n = np.asarray(self.normal, float)
         return np.array([self.conductivity, self.thickness, *self.face, *(n / np.linalg.norm(n))])
 
@@ -127,7 +128,7 @@ class Plate(Record):
         Parameters
         ----------
         position
-            Of the dipole (3,), m.
+            Position of the dipole (3,), m.
         moment
             (3,), A m^2.
 
@@ -157,7 +158,7 @@ class Plate(Record):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What its damping rests on."""
+        """Assumptions of the damping."""
         return (
             f"plate: {1e3 * self.thickness:g} mm of {self.conductivity:.3g} S/m without end to the sides; the magnet "
             "acts on it as a point dipole; slow motion",
@@ -166,11 +167,12 @@ class Plate(Record):
 
 @dataclass(frozen=True, repr=False)
 class Walls(Record):
-    """What the body can touch: a penalty, docs/theory/dynamics.md (19), (20).
+    """Walls that the body can touch, with penalty forces: docs/theory/dynamics.md (19), (20).
 
-    floor, ceiling: heights, m; radius of the tube and its axis (x, y), m; None where there is none. contact_time: s,
-    half a period of the body bouncing on one point, which sets the stiffness. restitution: speed after a bounce over
-    that before, 0 < restitution <= 1, which sets the damping. friction: Coulomb's coefficient, viscous below slip, m/s.
+    floor, ceiling: heights, m; radius of the tube and its axis (x, y), m; None for no wall. contact_time: s, half a
+    period of the body bouncing on one point, which sets the stiffness. restitution: speed after a bounce over the
+    speed before, 0 < restitution <= 1, which sets the damping. friction: Coulomb's coefficient, viscous below slip,
+    m/s.
     """
 
     floor: Annotated[float | None, Key(..., "z of a floor", "mm")] = None
@@ -192,12 +194,12 @@ class Walls(Record):
         check_fields(self)
 
     def numbers(self, mass: float) -> Array:
-        """The walls as the C core takes them, in the order of fieldmap_walls (fieldmap/core/contact.h).
+        """The walls for the C core, in the order of fieldmap_walls (fieldmap/core/contact.h).
 
         Parameters
         ----------
         mass
-            Of the body, kg.
+            Mass of the body, kg.
 
         Returns
         -------
@@ -217,12 +219,13 @@ class Walls(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RigidBody(Record):
-    """A rigid body, SI; its frame has its origin in the centre of mass, its axes are principal axes of inertia.
+    """A rigid body in SI units. The origin of its frame is the centre of mass, and its axes are principal axes of
+    inertia.
 
     mass: kg. inertia (3,): principal moments, kg m^2. magnet: dipoles and soft iron about the magnet's own centre,
-    axes as the body's. magnet_at (3,): that centre in the body. seen_at (3,): the point that the position sensors see.
-    skin (k, 3): points of the surface that can touch walls. gravity: m/s^2, downward. upright: the body does not turn,
-    as if its inertia were without bounds. assumptions: what the numbers rest on.
+    with the axes of the body. magnet_at (3,): the magnet's centre in the body. seen_at (3,): the sensed point. skin
+    (k, 3): points of the surface that can touch walls. gravity: m/s^2, downward. upright: the body does not turn, as
+    with infinite inertia. assumptions: of the numbers.
     """
 
     mass: float
@@ -254,7 +257,7 @@ class RigidBody(Record):
     def numbers(
         self, drag: Drag | None = None, plate: Plate | None = None, walls: Walls | None = None
     ) -> BodyNumbers:
-        """Everything about the body and its surroundings, as the C core takes it.
+        """The body and its surroundings for the C core.
 
         Parameters
         ----------
@@ -286,7 +289,7 @@ class RigidBody(Record):
 
     @cached_property
     def placed_magnet(self) -> CoreBody:
-        """The magnet at its place in the body, as the C core takes it."""
+        """The magnet at its place in the body, for the C core."""
         magnet, at = self.magnet, self.magnet_at
         soft = tuple(replace(piece, centre=piece.centre + at) for piece in magnet.soft)
         return replace(magnet, points=magnet.points + at, soft=soft).core
@@ -302,37 +305,36 @@ def body_of_payload(
     magnet: MagneticBody | None = None,
     upright: bool | None = None,
 ) -> RigidBody:
-    """The upright body of a device's payload: z along the magnet's axis, seen at its top. Its moment points as the
-    payload says.
+    """The upright body of a device's payload, with z along the magnet's axis. The payload has the moment and the
+    sensed point.
 
-    A payload without an inertia gets that of the cylinder; where none is given, of its magnet, a sphere, a block or a
-    cylinder, or of its pieces, taken as uniform and as heavy as the payload.
+    A payload without an inertia gets that of a uniform body with its mass: of the given cylinder, or else of the
+    shape of the magnet or the pieces.
 
     Parameters
     ----------
     payload
-        Of a device.
+        Payload of a device.
     radius, height
-        Of the cylinder that the body is taken for, m; the magnet's own unless given.
+        Size of the cylinder that replaces the body, m; by default that of the magnet.
     below
-        How far the magnet's centre lies above the body's lower face, m; half of the magnet's height unless
-        given.
+        Height of the magnet's centre above the body's lower face, m; by default half of the magnet's height.
     centre_of_mass
-        How far it lies above the magnet's centre, m.
+        Height of the centre of mass above the magnet's centre, m.
     magnet
-        Its magnetism; a point dipole for each magnet unless given.
+        Its dipoles and soft iron; by default a point dipole for each magnet.
     upright
-        Whether the body does not turn; unless given, whether the payload states turning = "fixed".
+        Whether the body does not turn; by default as the payload's key `turning` states.
 
     Returns
     -------
     RigidBody
-        The body, and what its numbers rest on.
+        The body, with its assumptions.
 
     Raises
     ------
     InputError
-        Where no inertia is given or follows.
+        If the inertia is unknown.
 
     Examples
     --------
@@ -367,7 +369,7 @@ def body_of_payload(
 
 
 def _magnetism(body: MagneticBody) -> tuple[str, ...]:
-    """What stands for its magnets and its soft iron."""
+    """Models of its magnets and its soft iron, in words."""
     count = len(body.points)
     magnets = ("point dipole" if count == 1 else f"magnet of {count} dipoles",) if count else ()
     if not body.soft:
@@ -378,7 +380,7 @@ def _magnetism(body: MagneticBody) -> tuple[str, ...]:
 def _cylinder(
     payload: Payload, radius: float | None, height: float | None, below: float | None
 ) -> tuple[float | None, float | None, float]:
-    """Radius and height of the body, and the magnet's height in it; those of the magnet where nothing is given."""
+    """Radius and height of the body, and the magnet's height in it; by default those of a cylindrical magnet."""
     own = payload.magnet
     if not isinstance(own, MagnetCylinder):
         return radius, height, below or 0.0
@@ -389,7 +391,7 @@ def _cylinder(
 def _inertia(
     payload: Payload, r: float | None, h: float | None, own_size: bool
 ) -> tuple[Array, tuple[str, ...]]:
-    """Of the payload, or of a uniform cylinder, and what that assumes."""
+    """Inertia of the payload, or of a uniform body, and the assumption."""
     if payload.inertia is not None:
         return np.array(payload.inertia, float), ()
     if r is None or h is None:
@@ -407,8 +409,8 @@ def _inertia(
 
 
 def _skin(payload: Payload, centre: float) -> Array:
-    """Points that touch walls: poles and equator of a sphere or ellipsoid, corners of a block, rims of a cylinder, of
-    every piece; nothing of a dipole."""
+    """Points that can touch walls, of every piece: poles and equator of a sphere or ellipsoid, corners of a block,
+    rims of a cylinder. A dipole has none."""
     each = [np.zeros((0, 3))]
     for piece in payload.pieces:
         each.append(_surface(piece.shape) @ piece.placement.rotation.T + piece.placement.position)

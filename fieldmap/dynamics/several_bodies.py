@@ -1,5 +1,5 @@
-"""Several bodies in the field of one machine: they feel its coils and each other, directly and by the iron that they
-magnetise, and touch walls and each other. docs/theory/reaction.md, docs/theory/dynamics.md."""
+"""Several bodies in the field of one machine. They interact with coils and with each other, directly and through
+iron, and they touch walls and each other: docs/theory/reaction.md, docs/theory/dynamics.md."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from fieldmap.records import Record
 from fieldmap.typing import Array
 
 Control = Callable[[float, Array], ArrayLike]
-"""A controller: time, s, and states (n, 13) of all bodies to currents (n_coils,), A."""
+"""A controller: function from time, s, and the states (n, 13) of all bodies to currents (n_coils,), A."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SeveralBodiesRun(Record):
-    """time (m,), s; states (m, n, 13) of n bodies, as of `state_of`; currents (m, n_coils), A, from that time on.
+    """time (m,), s; states (m, n, 13) of n bodies, as from `state_of`; currents (m, n_coils), A, from that time on.
 
-    inside: whether all magnets were in the map to the end; known: whether all currents lay where the map's model of the
-    iron holds; touched, collided: whether a body met a wall, and another body.
+    inside: whether all magnets stayed in the map; known: whether all currents lay in the domain of the map's iron;
+    touched, collided: whether a body touched a wall, and another body.
     """
 
     time: Array
@@ -47,14 +47,14 @@ class SeveralBodiesRun(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SeveralBodies(Record):
-    """n bodies in one field, and what they meet.
+    """n bodies in one field, with drag, plate and walls.
 
-    field: a map, or a field with a box that can be sampled (`sampled_field`). On each body act the field of the coils,
-    the magnets and the soft iron of all others, and the reaction of the machine's iron to all of them, where the map
-    holds it. drag, plate, walls: as for `move`; the bodies do not disturb each other's eddy currents. radii (n,), m: of
-    spheres about the centres of mass with which bodies touch each other, by the contact time, restitution and friction
-    of `walls`; 0 for a body that touches no other, and none unless given. Raises InputError for a field that is not the
-    sum of its coils' fields and no map, and for radii that do not fit.
+    field: a map, or a field with a box that can be sampled (`sampled_field`). The force on each body comes from the
+    coils, from the magnets and soft iron of all other bodies, and from the reaction of the machine's iron to all
+    bodies, if the map has it. drag, plate, walls: as for `move`; the eddy currents of different bodies do not
+    interact. radii (n,), m: of spheres about the centres of mass with which bodies touch each other, with the contact
+    time, restitution and friction of `walls`; 0, the default, for no contact. Raises InputError for invalid radii,
+    and for a field that is neither a map nor the sum of its coils' fields.
     """
 
     field: Field
@@ -81,7 +81,7 @@ class SeveralBodies(Record):
         Parameters
         ----------
         states
-            States (n, 13), of `state_of`.
+            States (n, 13), from `state_of`.
         currents
             Currents (n_coils,), A.
 
@@ -93,17 +93,17 @@ class SeveralBodies(Record):
         Raises
         ------
         OutsideMapError
-            Where a part of a body is outside the map.
+            If a part of a body is outside the map.
         NotConverged
-            Where the moments of soft iron come to no end, because bodies overlap.
+            If the moments of soft iron do not converge, because bodies overlap.
         """
         wrench = np.empty((len(self.bodies), 6))
         self._ask(self._states(states), currents, wrench)
         return wrench
 
     def energy(self, states: ArrayLike, currents: Any) -> float:
-        """Kinetic energy, weight, and energy of magnets and soft iron in the field and in each other's: constant
-        without losses, at currents that do not change, between contacts.
+        """Kinetic energy, potential energy of the weight, and energy of magnets and soft iron in the field and in the
+        fields of each other. Without losses it is constant at constant currents between contacts.
 
         Parameters
         ----------
@@ -143,28 +143,28 @@ class SeveralBodies(Record):
         Parameters
         ----------
         states
-            Where it begins (n, 13).
+            States at the start (n, 13).
         currents
             Currents (n_coils,), A; or a controller, a function (time, states) -> currents, which is called at the
-            beginning of every sample and whose currents flow at once and until the next.
+            beginning of every sample. Its currents flow at once, until the next sample.
         duration, step
             s.
         sample
-            s: period of the controller, and from one row of the result to the next; a number of steps.
+            Period of the controller and of the rows of the result, s; a whole number of steps.
         order
             "second" or "fourth", as for `move`.
 
         Returns
         -------
         SeveralBodiesRun
-            The run, which ends where a magnet leaves the map.
+            The run, which ends when a magnet leaves the map.
 
         Raises
         ------
         InputError
-            For arguments that do not fit, also for currents of a controller.
+            For invalid arguments or currents of a controller.
         NotConverged
-            Where the moments of soft iron come to no end, because bodies overlap.
+            If the moments of soft iron do not converge, because bodies overlap.
         """
         check_positive("SeveralBodies.run", duration=duration, step=step, sample=sample)
         rule = ORDERS[check_choice("SeveralBodies.run(order)", order, ORDERS)]
@@ -176,7 +176,7 @@ class SeveralBodies(Record):
         core, now = self._core(search=False), np.array(self._states(states))
         rows = round(duration / sample) + 1
         found, amperes = np.empty((rows, *now.shape)), np.empty((rows, len(self.field.coil_names)))
-        # With currents that stay, all rows at once.
+        # Constant currents: all rows in one call.
         block = 2 if callable(currents) else rows
         filled, status, touched, known = 1, INSIDE, 0, True
         found[0] = now
@@ -218,7 +218,7 @@ class SeveralBodies(Record):
         return self._core(search=True)
 
     def _ask(self, states: Array, currents: Any, wrench: Array) -> float:
-        """Fill wrench (n, 6); the energy of the magnets and the soft iron, J."""
+        """Fill wrench (n, 6), and return the energy of the magnets and the soft iron, J."""
         core = self._asked
         core.follow(np.array(coil_currents(currents, self.field.coil_names), dtype=np.float64))
         status, energy = core.wrench(states, wrench)

@@ -1,4 +1,4 @@
-"""Currents of least power that carry a body in the field of a map: where simulations and environments begin.
+"""Currents of least power that carry a body in the field of a map, for the start of simulations and environments.
 
 docs/theory/closed_loop.md (23).
 """
@@ -24,16 +24,16 @@ from fieldmap.lookup.magnetic_body import reacting_at
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-# Currents within this share of the limits are preferred: the rest is left for control. There may be several solutions,
-# and the limits exclude uneven ones.
+# Currents within this share of the limits are tried first, so that a tenth is left for control. A solution is usually
+# not unique, and the smaller limits exclude uneven ones.
 _EASIER = 0.9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WeightBalance(Record):
-    """The force of a map's field on an upright body, against its weight.
+    """Balance between the force of a map's field on an upright body and its weight.
 
-    field: the map; limits: lowest and highest currents (n,), A; scale: factor of the map's field, a calibration.
+    field: the map; limits: lowest and highest currents (n,), A; scale: calibration factor of the map's field.
     """
 
     field: FieldMap
@@ -47,9 +47,9 @@ class WeightBalance(Record):
         return self.body.mass * self.body.gravity
 
     def currents(self, place: ArrayLike) -> Array:
-        """Currents of least power whose force is the weight, without one along axes along which the coils push.
+        """Currents of least power whose vertical force is the weight, without force along x and y if possible.
 
-        A tenth of the limits is left for control if the rest carries the body.
+        A tenth of the limits is left for control if the rest suffices to carry the body.
 
         Parameters
         ----------
@@ -64,9 +64,9 @@ class WeightBalance(Record):
         Raises
         ------
         Infeasible
-            Where currents within the limits do not carry the body; share: how much of it they carry.
+            If currents within the limits do not carry the body; share: the part of the weight that they carry.
         OutsideMapError
-            Where a part of the body is outside the map.
+            If a part of the body is outside the map.
         """
         point = check_signal("WeightBalance.currents(place)", place, columns=3)
         try:
@@ -80,7 +80,7 @@ class WeightBalance(Record):
             return lifting
 
     def force_per_ampere(self, place: ArrayLike, currents: Array) -> Array:
-        """Derivatives of the force by the currents.
+        """Derivatives of the force with respect to the currents.
 
         Parameters
         ----------
@@ -127,7 +127,7 @@ class WeightBalance(Record):
         return replace(fields, each_field=each_field)
 
     def _refused(self, place: Array, error: Infeasible | NotConverged) -> Infeasible:
-        """What the limits allow in the place of the weight."""
+        """Make the error of a weight that the limits do not allow."""
         at = ((1e3 * place).round(3) + 0.0).tolist()
         must = f"currents within their limits must carry the weight, {self.weight:.4g} N, of the magnet at {at} mm"
         received = "no currents that lift it"

@@ -1,5 +1,5 @@
-"""Files that people write: TOML with line numbers, kinds, findings, key paths, JSON Schema, and explanations of what
-is wrong.
+"""Files that people write: TOML with line numbers, kinds, findings, key paths, JSON Schema, and explanations of errors.
 
-Knows no physics: a package that reads files of its own registers their kind (`kinds.register`).
+The package knows no physics. `kinds.MARKS` lists all kinds of file; the schema of a kind is in the package that reads
+it.
 """

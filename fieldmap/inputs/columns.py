@@ -1,6 +1,6 @@
 """Text files of columns: data sheets, logs of rigs, tables of other programs.
 
-Delimiter, decimal comma, names and units are recognised, or said by the caller. Names stand in a line above the
+Delimiter, decimal comma, names and units are recognised, or given by the caller. Names stand in a line above the
 numbers, in the last remark above them (COMSOL, `numpy.savetxt`), or in the list that begins a table of Opera.
 """
 
@@ -36,7 +36,7 @@ UNITS: dict[str, tuple[str, float]] = {
 QUANTITIES = {"s": "time", "m": "length", "A": "current", "V": "voltage", "T": "flux density", "N": "force"}
 QUANTITIES |= {"kg": "mass", "rad": "angle", "1": "numbers without unit", "A/m": "field strength"}
 QUANTITIES |= {"T/m": "gradient"}
-"""What an SI unit measures, in words."""
+"""The quantity of an SI unit, in words."""
 DELIMITERS = {"comma": ",", "semicolon": ";", "tab": "\t", "blanks": " "}
 # Units in words and in the capitals of Opera.
 _SPELLED = {"metre": "m", "meter": "m", "micron": "um", "inch": "in", "cm": "cm", "mm": "mm", "m": "m"}
@@ -50,7 +50,7 @@ _SPELLED |= {
     "wb/m^2": "T",
 }
 _UNIT_OF_LENGTH = re.compile(r"length unit[:,]\s*(\S+)", re.IGNORECASE)
-# Lines whose cells are counted, and problems of lines that are told one by one.
+# Lines from which the format is recognised, and most lines whose problems are reported one by one.
 _LOOKED_AT, _MOST_TOLD = 20, 5
 _IN_BRACKETS = re.compile(r"^\s*(?P<name>.*?\S)\s*[(\[](?P<unit>[^()\[\]]*)[)\]]\s*$")
 _IN_WORDS = re.compile(r"^\s*(?P<name>.*\S)\s+in\s+(?P<unit>\S+)\s*$")
@@ -62,7 +62,7 @@ _REMARKS = ("#", "%", "//")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Column(Record):
-    """A column of a text file: its number, name, and the unit in which it is written; None where it does not say."""
+    """A column of a text file: number from 0, name, and the unit of its values; None if the file states no unit."""
 
     number: int
     name: str
@@ -70,14 +70,14 @@ class Column(Record):
 
     @property
     def quantity(self) -> str | None:
-        """The SI unit of what the column measures; None for a unit that is not known."""
+        """The SI unit of the column's quantity; None for an unknown unit."""
         return UNITS[self.unit][0] if self.unit in UNITS else None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TextColumns(Record):
-    """A text file of columns: rows, line numbers and cells. named: whether the file names its columns; without names
-    these are numbered from 1. delimiter: a name of `DELIMITERS`. decimal: "." or ","."""
+    """A text file of columns. rows: line number and cells of each. named: whether the file names its columns; columns
+    without names are called 1, 2, ... delimiter: a name of `DELIMITERS`. decimal: "." or ","."""
 
     source: Path
     columns: tuple[Column, ...]
@@ -89,7 +89,7 @@ class TextColumns(Record):
     def numbers(
         self, found: Mapping[str, Column], remedy: str = "correct the line"
     ) -> tuple[dict[str, Array], list[Problem]]:
-        """Role -> values (n,) as written, and lines that are not numbers."""
+        """Role -> values (n,) as written, and the problems of lines that are not numbers."""
         values = np.full((len(self.rows), len(found)), np.nan)
         count = len(self.columns)
         must = f"must be {count} cells, with finite numbers in {', '.join(c.name for c in found.values())}"
@@ -117,9 +117,9 @@ def read_columns(
 ) -> TextColumns:
     """Read a text file of columns.
 
-    least: rows that it must have. delimiter, decimal: recognised unless given. units: by column, in the place of those
-    in the file. said_by: what the caller calls the delimiter in messages. Raises InputError for a file that cannot be
-    read or has no columns.
+    least: least number of rows. delimiter, decimal: recognised unless given. units: by column, in place of the units in
+    the file. said_by: the caller's name of the delimiter in messages. Raises InputError for a file that cannot be read
+    or has no columns.
     """
     lines, remarks = _lines(read_text(source, otherwise="latin-1"))
     must = f"must hold a line of names and {least} rows of numbers or more"
@@ -178,8 +178,8 @@ def _list_of_opera(lines: Sequence[tuple[int, str]]) -> list[str]:
 
 
 def _from_names_on(lines: list[tuple[int, str]]) -> list[tuple[int, str]]:
-    """The lines without a title and other words above the names: these are the first line, above the first numbers,
-    that has as many cells and no number."""
+    """The lines from the line of names on. Names are the first line above the first numbers that has the same number of
+    cells as these and no number."""
     for k, (_, line) in enumerate(lines[:_LOOKED_AT]):
         for kind in DELIMITERS:
             cells = _cells(line, kind)
@@ -192,13 +192,13 @@ def _from_names_on(lines: list[tuple[int, str]]) -> list[tuple[int, str]]:
 
 
 def _are_units(cells: Sequence[str], count: int) -> bool:
-    """Whether a line has nothing but units, or no entry, below each of so many names."""
+    """Whether a line has `count` cells that are units or empty."""
     units = [unit_of(cell.strip("()[]")) for cell in cells if cell]
     return len(cells) == count and bool(units) and all(unit in UNITS and unit != "1" for unit in units)
 
 
 def _names(rows: Sequence[tuple[int, list[str]]], remarks: Sequence[str], kind: str) -> list[str] | None:
-    """The first row, where it is no numbers; or the last remark, where it has as many cells; None where neither is."""
+    """The first row if it is not all numbers, else the last remark if it has the same number of cells, else None."""
     first = rows[0][1]
     if not all(_NUMBER.fullmatch(cell) for cell in first):
         return first
@@ -219,7 +219,7 @@ def _cells(line: str, kind: str) -> list[str]:
 
 
 def _delimiter_of(source: Path, lines: Sequence[tuple[int, str]], said_by: str) -> str:
-    """The one that cuts all lines looked at into as many cells, two or more; commas may be decimal."""
+    """The delimiter that cuts the first lines into equal numbers of cells, two or more; commas may be decimal."""
     looked = [line for _, line in lines[: 1 + _LOOKED_AT]]
     kinds = ("tab", "semicolon", "comma", "blanks")
     cells = {kind: [_cells(line, kind) for line in looked] for kind in kinds}
@@ -227,18 +227,18 @@ def _delimiter_of(source: Path, lines: Sequence[tuple[int, str]], said_by: str) 
     fitting = []
     for even in (True, False):
         for kind, lengths in counts.items():
-            # With a line or two that is broken, which are told by their numbers, the others decide.
+            # The second round allows for some broken lines, which are reported later by their numbers.
             same = lengths.count(lengths[0]) > (len(lengths) - 1 if even else 0.7 * len(lengths))
             if lengths[0] > 1 and same:
                 fitting.append(kind)
-    # Decimal commas cut lines as well, but not into numbers.
+    # A decimal comma may also cut all lines alike, but its cells are not numbers.
     for kind in fitting:
         below = cells[kind][1:]
         if sum(all(map(_NUMBER.fullmatch, row)) for row in below) > 0.7 * len(below):
             return kind
     if fitting:
         return fitting[0]
-    # Of a few lines that are broken the names decide; the lines are told by their numbers.
+    # If most lines are broken, the line of names decides; the broken lines are reported by their numbers.
     most = max(kinds, key=lambda kind: counts[kind][0])
     if counts[most][0] > 2:
         return most
@@ -248,14 +248,14 @@ def _delimiter_of(source: Path, lines: Sequence[tuple[int, str]], said_by: str) 
 
 
 def _decimal_of(rows: Sequence[tuple[int, list[str]]], kind: str) -> str:
-    """A comma, where cells have commas and none has a point."""
+    """The decimal mark: a comma if cells have commas and none has a point."""
     cells = [cell for _, row in rows[:_LOOKED_AT] for cell in row]
     commas = any(re.fullmatch(r"[-+]?\d*,\d+([eE][-+]?\d+)?", cell) for cell in cells)
     return "," if kind != "comma" and commas and not any("." in cell for cell in cells) else "."
 
 
 def _column(number: int, heading: str, units: Mapping[str, str], length: str | None) -> Column:
-    """A column by its heading; length: the unit of x, y and z that do not say."""
+    """A column by its heading. length: unit of columns x, y and z without a unit."""
     text = heading.strip().strip('"')
     name, unit = _name_and_unit(text)
     if unit is None and name.lower() in ("x", "y", "z"):
@@ -271,7 +271,7 @@ def _name_and_unit(text: str) -> tuple[str, str | None]:
     match = _IN_WORDS.match(text)
     if match is not None and unit_of(match["unit"]) in UNITS:
         return match["name"], match["unit"]
-    # The longest unit that ends the heading: H/kA/m, H_A_per_m; u_1 is a channel, no number without unit.
+    # The longest unit that ends the heading, as in H/kA/m or H_A_per_m. In u_1 the 1 is a channel, not a unit.
     for place in re.finditer(r"(?<=\S)[_/]", text):
         unit = unit_of(text[place.end() :].strip())
         if unit in UNITS and unit != "1":
@@ -280,7 +280,7 @@ def _name_and_unit(text: str) -> tuple[str, str | None]:
 
 
 def unit_of(text: str) -> str:
-    """A unit as `UNITS` has it, where it is written in another way: in words, with per, or with another letter mu."""
+    """The name in `UNITS` of a unit that is spelled in words, with per, or with another letter mu."""
     plain = text.replace("\u03bc", "\u00b5").replace("_per_", "/")
     return plain if plain in UNITS else _SPELLED.get(plain.lower(), text)
 
@@ -293,11 +293,11 @@ def columns_of_roles(
     said_by: Mapping[str, str],
     whole_names: bool = False,
 ) -> tuple[dict[str, Column], list[Problem]]:
-    """Role -> column, and what is wrong with it.
+    """Role -> column, and the problems.
 
-    roles: lower-case names by which each is recognised; whole_names: whether one must be all of a heading, not one of
-    its words. names: of columns that are not to be recognised. said_by: what the caller calls the argument that names
-    a role; "names" for all others.
+    roles: lower-case names by which each is recognised; whole_names: whether a name must match a whole heading, not
+    only a word of it. names: names of columns given by the caller, by role. said_by: the caller's name of the argument
+    that names a role; "names" for all other roles.
     """
     found: dict[str, Column] = {}
     problems = []
@@ -320,7 +320,7 @@ def columns_of_roles(
 
 
 def _fitting(columns: Sequence[Column], wanted: Sequence[str], whole: bool) -> list[Column]:
-    """The columns of the first of these names that any has; else those that have one of them as a word."""
+    """The columns with the first of these names that occurs; else the columns that have one of the names as a word."""
     for name in wanted:
         exact = [column for column in columns if column.name.lower() == name]
         if exact:
@@ -332,7 +332,7 @@ def _fitting(columns: Sequence[Column], wanted: Sequence[str], whole: bool) -> l
 def unit_problems(
     table: TextColumns, found: Mapping[str, Column], units: Mapping[str, str], said_by: str
 ) -> list[Problem]:
-    """What is wrong with the units of columns: units of columns that are not there, none, and unknown ones."""
+    """Problems of units: given for a missing column, not stated, or unknown."""
     problems = [
         Problem(f"{said_by} {name}", "must be of a column", name, "name a column of the file")
         for name in units
@@ -349,7 +349,7 @@ def unit_problems(
 
 
 def quantity_problems(source: Path, found: Mapping[str, Column], wanted: Mapping[str, str]) -> list[Problem]:
-    """Columns whose known unit measures another quantity than their role; wanted: SI unit of each role."""
+    """Problems of columns with the unit of another quantity than their role's. wanted: SI unit of each role."""
     return [
         Problem(
             f"{source}: column {column.name}",
@@ -369,9 +369,9 @@ def si_values(
     assumed: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
 ) -> tuple[dict[str, Array], list[Problem]]:
-    """Role -> values (n,) in SI units, and everything that is wrong with their numbers and units.
+    """Role -> values (n,) in SI units, and all problems of numbers and units.
 
-    wanted: SI unit of each role. assumed: unit of roles whose columns do not say theirs. units: as for `read_columns`.
+    wanted: SI unit of each role. assumed: unit of roles whose columns state none. units: as for `read_columns`.
     """
     stated = {
         role: column if column.unit else replace(column, unit=(assumed or {}).get(role))

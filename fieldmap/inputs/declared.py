@@ -78,7 +78,7 @@ class Declared(Record):
 
     @property
     def stands_for_none(self) -> bool:
-        """Whether the default is an empty text or an infinite number, for which a file's table has None."""
+        """Whether the default is an empty text or an infinite number; the table of a file has None instead."""
         default = self.default
         return default == "" if isinstance(default, str) else isinstance(default, float) and np.isinf(default)
 
@@ -312,8 +312,8 @@ def choice_of(tables: Iterable[Any], key: str) -> Any:
 
 
 def choice_with(tables: Mapping[str, Any], choose: Callable[[dict[str, Any]], Any], key: str = "kind") -> Any:
-    """Annotation for one of several tables by tag. `choose` returns the tag of a raw table; `key`: the key that mainly
-    decides it."""
+    """Annotation for one of several tables by tag. `choose` returns the tag of a raw table; `key` is the key that
+    usually decides."""
     tagged = [Annotated[table, Tag(tag)] for tag, table in tables.items()]
     choice = Choice(lambda table: choose(table) if isinstance(table, dict) else None, key=key)
     return Annotated[_UNION[tuple(tagged)], choice]

@@ -1,9 +1,9 @@
-"""A TOML file as read: its text and data, and what is wrong in it, tied to its lines."""
+"""A TOML file as read: text, data, and problems with their lines."""
 
 import re
 import sys
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,17 +22,18 @@ from fieldmap.records import Record
 
 @dataclass(frozen=True, repr=False)
 class AtKey(Problem):
-    """A problem whose `where` is a key path, of code that does not know the file: `Document.placing` adds its line."""
+    """A problem at a key path, from code that does not know the file; `Document.placing` adds file and line."""
 
 
 @dataclass(frozen=True, repr=False)
 class Document(Record):
     """A parsed TOML file; `data` and `text` as read.
 
-    Of a file whose short forms were written out (repetition, arithmetic, other files): raw, the document as read;
-    origins, by locations of the data, where it stands: a document as read and the location there; computed, the text
-    of each computed number. changes: values by key path in the place of those of the file. alone: a text out of another
-    file, such as a map; of the files that it names only shipped ones are read.
+    After short forms (repetition, arithmetic, other files) were written out: raw: the document as read; origins: for
+    locations of the data, the document and location from which they come; computed: the expression of each computed
+    number. changes: values by key path in place of those of the file; stated: the values of the file, by the same key
+    paths. alone: whether the text comes from another file, such as a map; only shipped files that it names are then
+    read.
     """
 
     path: Path
@@ -42,10 +43,11 @@ class Document(Record):
     origins: Mapping[Location, tuple["Document", Location]] = field(default_factory=dict)
     computed: Mapping[Location, str] = field(default_factory=dict)
     changes: Mapping[str, Any] = field(default_factory=dict)
+    stated: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     alone: bool = False
 
     def problems(self, findings: list[Finding]) -> list[Problem]:
-        """Tie findings to this file, in the order of its lines."""
+        """The problems of findings, with file and line, in the order of lines."""
         lines: dict[Path, dict[Location, int]] = {}
         placed = []
         for finding in findings:
@@ -73,7 +75,7 @@ class Document(Record):
 
     @contextmanager
     def placing(self) -> Iterator[None]:
-        """Errors of this block at keys (`AtKey`) are told at the lines of this file."""
+        """Give problems at keys (`AtKey`) that are raised in this block the lines of this file."""
         try:
             yield
         except FieldmapError as error:
@@ -86,7 +88,7 @@ class Document(Record):
                 for one in error.problems
             ]
             told = type(error)(*placed)
-            # What else the error carries, such as the history of a solver.
+            # Other attributes of the error, such as the history of a solver, are kept.
             vars(told).update({name: value for name, value in vars(error).items() if name != "problems"})
             raise told from None
 
@@ -100,12 +102,12 @@ class Document(Record):
 
 
 def parse(path: Path, error: type[InputError]) -> Document:
-    """Parse a TOML file; `error` if it cannot be read. The first syntax error ends it, with line and column."""
+    """Parse a TOML file. Raises `error` if it cannot be read, with line and column of the first syntax error."""
     return parsed(path, read_text(path, error), error)
 
 
 def parsed(path: Path, text: str, error: type[InputError]) -> Document:
-    """A text as the document of a path; `error` where it is no TOML."""
+    """Parse a text as the document of a path. Raises `error` if it is no TOML."""
     text = text.replace("\r\n", "\n")
     try:
         return Document(path, text, tomllib.loads(text))
@@ -115,7 +117,7 @@ def parsed(path: Path, text: str, error: type[InputError]) -> Document:
     except tomllib.TOMLDecodeError as wrong:
         raise error(_syntax_problem(path, text, str(wrong))) from wrong
     except ValueError:
-        # Python reads no whole number of more digits.
+        # Python limits the digits of a whole number.
         long = re.search(rf"[\d_]{{{sys.get_int_max_str_digits() or 1}}}", text)
         where = str(path) if long is None else f"{path}:{text.count(chr(10), 0, long.start()) + 1}"
         must_hold, received = "the file must be valid TOML", "a whole number of thousands of digits"
@@ -142,7 +144,7 @@ def schema_findings(root: type[BaseModel], data: dict[str, Any]) -> list[Finding
 
 
 def _of_the_right_type(error: ValidationError, data: dict[str, Any]) -> list[ErrorDetails]:
-    """Its errors; where a value may have several types, those of types that it does not have only if it has none."""
+    """The errors without those about a wrong type in a union, unless the value fits no type of the union."""
     found: dict[Location, list[ErrorDetails]] = {}
     for detail in error.errors(include_url=False):
         found.setdefault(without_tags(data, detail["loc"]), []).append(detail)
@@ -160,10 +162,10 @@ def _of_the_right_type(error: ValidationError, data: dict[str, Any]) -> list[Err
 # statements. Keys inside inline tables and entries of arrays are not indexed; they take the line of the key that holds
 # them.
 
-# Keys as nearly all are, which need no parser: letters, digits, underscores and dashes, with dots between.
+# Keys without quotes: letters, digits, underscores and dashes, with dots between. They need no parser.
 _BARE = re.compile(r"[A-Za-z0-9_-]+(?:\.[A-Za-z0-9_-]+)*")
 _SOMETHING = re.compile(r"\S")
-# What ends a run of characters that mean nothing to the scan.
+# Characters that matter to the scan.
 _SPECIAL = re.compile(r"[\n=\"'#\[\]{}]")
 
 
@@ -192,7 +194,7 @@ def line_numbers(text: str) -> dict[Location, int]:
 
 
 def nearest_line(lines: dict[Location, int], location: Location) -> int | None:
-    """Line of the location, or of the closest thing around it."""
+    """Line of the location, or of the innermost table or key that holds it."""
     for length in range(len(location), 0, -1):
         if location[:length] in lines:
             return lines[location[:length]]
@@ -200,7 +202,7 @@ def nearest_line(lines: dict[Location, int], location: Location) -> int | None:
 
 
 def _header(statement: str, counts: dict[Location, int]) -> Location:
-    """Location of a [table] or [[table]]; `counts` remembers how often each array of tables came."""
+    """Location of a [table] or [[table]]. counts: number of entries of each array of tables so far."""
     steps = _bare_steps(statement.strip("[] \t")) or _steps(tomllib.loads(statement))
     location: Location = ()
     for k, step in enumerate(steps):
@@ -214,13 +216,13 @@ def _header(statement: str, counts: dict[Location, int]) -> Location:
 
 
 def _key_steps(statement: str) -> tuple[Step, ...]:
-    """Steps of the key of `key = value`; a quoted one by tomllib itself, with a value that it surely accepts."""
+    """Steps of the key of `key = value`. tomllib parses a quoted key, with the value 0."""
     end = _find(statement, 0, "=")
     return _bare_steps(statement[:end].strip(" \t")) or _steps(tomllib.loads(statement[:end] + "= 0"))
 
 
 def _bare_steps(key: str) -> tuple[str, ...]:
-    """Steps of a dotted key without quotes and spaces; none of any other."""
+    """Steps of a dotted key without quotes and spaces; empty for any other key."""
     return tuple(key.split(".")) if _BARE.fullmatch(key) else ()
 
 

@@ -1,4 +1,4 @@
-"""What the schema finds wrong, told for people: follows the schema's annotations to the keys and choices of a place."""
+"""Findings for people from the errors of a schema, with the keys and choices that the schema allows at each place."""
 
 from dataclasses import dataclass
 from types import UnionType
@@ -15,7 +15,7 @@ from fieldmap.records import Record
 
 @dataclass(frozen=True, repr=False)
 class Place(Record):
-    """The table class that the data chose at a location, and the other choices it had there: by tag, and their key."""
+    """The table class that the data chose at a location, the choices there by tag, and the key that chooses."""
 
     table: type[BaseModel] | None
     choices: dict[str, type[BaseModel]]
@@ -129,7 +129,7 @@ def explain(error: ErrorDetails, root: type[BaseModel], data: Any) -> Finding:
     if kind in _TOLD:
         must_hold, remedy = _TOLD[kind]
         return Finding(location, must_hold.format(**context), received, remedy)
-    # An error kind that the schema does not use today: pydantic's own words, not a crash.
+    # An error kind that no schema uses today gets pydantic's own words.
     must_hold, remedy = PATTERNS.get(context.get("pattern", ""), (error["msg"], "correct the value"))
     return Finding(location, must_hold, received, remedy)
 
@@ -151,7 +151,7 @@ def _unknown_key(location: Location, place: Place) -> Finding:
 
 
 def _choice(location: Location, place: Place, table: Any) -> Finding:
-    """A table that does not say, or wrongly says, which of several kinds it is."""
+    """The finding for a table whose kind is missing or unknown."""
     if not isinstance(table, dict):
         must_hold, remedy = _AS_TABLE
         return Finding(location, must_hold, shown(table), remedy)

@@ -1,7 +1,7 @@
 """Arithmetic in files: a text that begins with "=" is computed from numbers and names.
 
-A closed grammar: numbers, names, + - * / **, brackets, and a few functions. The text is parsed by Python's `ast` and
-walked here; nothing of it is run. Length, depth and powers are limited, so that no text takes long.
+The grammar is closed: numbers, names, + - * / **, brackets, and a few functions. Python's `ast` parses the text, and
+this module evaluates the tree; no code is run. Length, depth and powers are limited, so that no text takes long.
 """
 
 import ast
@@ -62,7 +62,7 @@ def evaluate(text: str, names: Mapping[str, Value]) -> Value:
     shown = f'"{text[:60]}"'
     if len(plain) > LONGEST:
         raise ExpressionError(f"an expression has at most {LONGEST} characters", f"{len(plain)} characters")
-    # Python would pass over a remark, and with it over what somebody took for a part of the sum.
+    # Python would ignore a remark, which may hide a part of the sum.
     if "#" in plain:
         raise ExpressionError(f"must be {_GRAMMAR}", shown, "write remarks behind the closing quote")
     try:
@@ -114,7 +114,7 @@ _OPERATIONS: dict[type[ast.operator], Callable[[float, float], float]] = {
 
 
 def _operation(node: ast.BinOp, names: Mapping[str, Value], depth: int) -> float:
-    # A sum of many terms leans to the left: only brackets make it deep.
+    # A sum of many terms is nested on its left side. It is evaluated in a loop, so that only brackets add depth.
     chain = [node]
     while isinstance(chain[-1].left, ast.BinOp) and type(chain[-1].left.op) in _OPERATIONS:
         chain.append(chain[-1].left)

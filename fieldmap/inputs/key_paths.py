@@ -1,4 +1,4 @@
-"""Key paths of a file: from a position in the data to the dotted path that a person reads, and back."""
+"""Key paths of a file: dotted paths for readers, made from locations in the data, and resolved to them."""
 
 import re
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ Location = tuple[Step, ...]
 
 
 def value_at(data: Any, location: Location) -> Any:
-    """The value at a location, or None where there is none."""
+    """The value at a location, or None if the location does not exist."""
     for step in location:
         try:
             data = data[step]
@@ -21,7 +21,7 @@ def value_at(data: Any, location: Location) -> Any:
 
 
 def has(data: Any, step: Step) -> bool:
-    """Does this table have the key, or this array the index?"""
+    """Whether a table has the key, or an array the index."""
     if isinstance(data, dict):
         return step in data
     return isinstance(data, list) and isinstance(step, int) and step < len(data)
@@ -53,7 +53,7 @@ def matches(data: Any, pattern: str) -> list[Location]:
     """All locations that a dotted path names.
 
     A step is a key, the name of an array's entry, an entry's number from 1 (if no entry has that name), * for any, a
-    text with * and ?, such as "core *", for all keys or names like it, or several of these with | between them.
+    pattern with * and ?, such as "core *", for all keys or names that match it, or several patterns separated by |.
 
     >>> matches({"body": [{"name": "core 1", "a": 1}, {"name": "core 2", "b": 2}]}, "body.core *.a|b")
     [('body', 0, 'a'), ('body', 1, 'b')]
@@ -85,7 +85,7 @@ def _keys(here: Any, step: str) -> list[Step]:
 
 @lru_cache(maxsize=1000)
 def _pattern(step: str) -> re.Pattern[str] | None:
-    """What names must match; None for a step that is one name. A device asks for the same ones table by table."""
+    """The pattern of a step; None for a step without wildcards. Cached, since many tables are matched with a step."""
     if not any(character in step for character in "*?|"):
         return None
     return re.compile("|".join(translate(one) for one in step.split("|")))
@@ -99,7 +99,7 @@ def _is_like(here: Any, key: Step, like: re.Pattern[str]) -> bool:
 
 
 def tables(data: Any, key: str) -> Iterator[tuple[Location, dict[str, Any]]]:
-    """The entries of an array of tables, skipping what is not a table."""
+    """The entries of an array of tables; entries that are no tables are skipped."""
     entries = data.get(key)
     if isinstance(entries, list):
         for k, entry in enumerate(entries):

@@ -1,7 +1,7 @@
-"""Kinds of files that people write: how they are found, read and told apart.
+"""Kinds of files that people write: how they are found, read and distinguished.
 
-What tells them apart is a table here, so that a reader knows the files of packages above it without importing them. The
-schema of a kind stands in the package that reads it.
+The marks of all kinds are listed here, so that a reader recognises files of packages above it without importing them.
+The schema of a kind is in the package that reads it.
 """
 
 import os
@@ -17,7 +17,7 @@ from fieldmap.errors import InputError
 from fieldmap.inputs.document import Document, parse, schema_findings
 from fieldmap.inputs.findings import meant, one_of
 from fieldmap.records import Record
-from fieldmap.shipped import is_file, shipped_file, shipped_names
+from fieldmap.shipped import is_file, shipped_alone, shipped_file, shipped_names
 from fieldmap.typing import PathLike
 
 Contents = TypeVar("Contents", bound=BaseModel)
@@ -25,10 +25,10 @@ Contents = TypeVar("Contents", bound=BaseModel)
 
 @dataclass(frozen=True, repr=False)
 class Marks(Record):
-    """What tells a kind of file from others.
+    """Marks that distinguish a kind of file.
 
-    keys: top-level keys. key, value: what only this kind has; it goes before keys. taken_by: what reads such a file,
-    for people who gave it to something else.
+    keys: top-level keys. key, value: a key and value that only this kind has; they take precedence over `keys`.
+    taken_by: the command or function that reads such a file, for the error of another reader.
     """
 
     keys: frozenset[str]
@@ -63,18 +63,18 @@ MARKS: Mapping[str, Marks] = MappingProxyType(
         ),
     }
 )
-"""Of every kind, by its name."""
+"""Marks of every kind, by its name."""
 
 
 @dataclass(frozen=True, repr=False)
 class FileKind(Record, Generic[Contents]):
     """One kind of TOML file.
 
-    name: as people call it, such as "device", with a row in `MARKS`. schema: what the file may hold. error: raised for
-    a file that is wrong. folder, subfolder: where the shipped files of this kind lie. refers_to: kinds of file that a
-    file of this kind names, each with a remedy for people who gave that file instead; {file} stands for its name.
-    json_schema: file of the shipped JSON Schema. expand: writes out the short forms of a file; raises `error`.
-    short_forms: top-level keys that are gone then.
+    name: such as "device", a name in `MARKS`. schema: allowed contents. error: raised for a wrong file. folder,
+    subfolder: of the shipped files of this kind. refers_to: kinds of file that a file of this kind names, each with a
+    remedy for a reader that was given such a file instead; {file} stands for its name. json_schema: file of the shipped
+    JSON Schema. expand: writes out the short forms of a file; raises `error`. short_forms: top-level keys that `expand`
+    removes.
     """
 
     name: str
@@ -88,11 +88,19 @@ class FileKind(Record, Generic[Contents]):
     short_forms: frozenset[str] = frozenset()
 
     def find(self, path_or_name: PathLike) -> Path:
-        """The file at a path, or the shipped one of that name; raises `error` if there is neither, or a directory."""
+        """The file at a path, or the shipped file of that name. Raises `error` for a directory or a missing file.
+
+        A name without a folder and an ending means the shipped file, whatever lies in the working folder. If a file of
+        this kind has the same name there, the name is refused.
+        """
         if not isinstance(path_or_name, str | os.PathLike):
             must_hold, remedy = f"must be the path or name of a {self.name} file", "write it in quotes"
             raise self.error.of(self.name, must_hold, type(path_or_name).__name__, remedy)
         path = Path(path_or_name)
+        alone = shipped_alone(self.folder, path_or_name, self.subfolder)
+        if alone is not None:
+            self._refuse_a_second(path, alone)
+            return alone
         if is_file(path):
             return path
         if os.path.isdir(path):
@@ -104,6 +112,18 @@ class FileKind(Record, Generic[Contents]):
         remedy = meant(path.stem, names, f"give a path, or one of {one_of(names)}")
         must_hold = f"must be a {self.name} file or the name of a shipped {self.name}"
         raise self.error.of(str(path), must_hold, "no such file", remedy)
+
+    def _refuse_a_second(self, path: Path, shipped: Path) -> None:
+        """Raise `error` where a readable file of this kind has the name of a shipped one."""
+        try:
+            here = kind_of(parse(path, self.error).data) if is_file(path) else None
+        except self.error:
+            return
+        if here == self.name:
+            must_hold = f"must name one {self.name}"
+            received = f"the name of the shipped {self.name} and of a file in the working folder"
+            remedy = f"write .{os.sep}{path} for the file, or {shipped} for the shipped one"
+            raise self.error.of(str(path), must_hold, received, remedy)
 
     def load(self, path: Path) -> Document:
         """The file, parsed; raises `error` if it cannot be read, or is clearly of another kind."""
@@ -122,7 +142,7 @@ class FileKind(Record, Generic[Contents]):
         return self.schema.model_validate(document.data)
 
     def refuse_other_kinds(self, document: Document) -> None:
-        """Raise `error` if the document is clearly of another kind; one of no kind passes."""
+        """Raise `error` if the document is clearly of another kind. A document of unknown kind passes."""
         data = document.data
         known = self.schema.model_fields.keys() | self.short_forms
         if MARKS[self.name].keys & data.keys() and data.keys() <= known:
@@ -140,7 +160,7 @@ class FileKind(Record, Generic[Contents]):
 
 
 def kind_of(data: Mapping[str, Any]) -> str | None:
-    """The kind of a file's data: the one with the most of its keys; None if there is none, or several.
+    """The kind of a file's data, by the largest number of its marks; None if no kind or several kinds fit.
 
     >>> kind_of({"format": 1, "coil": []}), kind_of({"format": 1})
     ('device', None)

@@ -1,4 +1,4 @@
-"""What the tables of all files share: strict keys, finite numbers, and how a broken rule is told."""
+"""Base of the tables of all files: strict keys, finite numbers, and errors for broken rules."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -63,7 +63,7 @@ PATTERNS: dict[str, tuple[str, str]] = {}
 
 
 def text_like(pattern: str, must_hold: str, remedy: str) -> StringConstraints:
-    """Annotation of a text that matches a pattern, with what a reader is told otherwise."""
+    """Annotation of a text that must match a pattern, with the words of the error."""
     PATTERNS[pattern] = must_hold, remedy
     return StringConstraints(pattern=pattern)
 
@@ -103,21 +103,21 @@ class Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
     written_as: ClassVar[str | None] = None
-    """Of a table that is chosen in another way than by one key's value: how it is written."""
+    """How a table is written that is not chosen by the value of one key, for errors."""
 
     makes: ClassVar[type | None] = None
-    """Of a table that `fieldmap.inputs.declared` made: its record. All below is of such tables."""
+    """The record of a table that `fieldmap.inputs.declared` made. The attributes below belong to such tables, too."""
     declared: ClassVar[Mapping[str, Any]] = {}
     """The fields, `fieldmap.inputs.declared.Declared`, by their keys."""
     beside: ClassVar[Mapping[str, Any]] = {}
-    """Attribute -> table of that record, whose keys stand beside the others."""
+    """Attribute -> table of its record. The keys of that table are keys of this one, too."""
     choice: ClassVar[tuple[str, str] | None] = None
     """The key that chooses the table among others, and its value."""
     takes: ClassVar[Callable[[Any], bool] | None] = None
-    """Of tables that make the same record: whether a record is written in this one."""
+    """Whether a record is written in this table, for several tables that make the same record."""
 
     def also_makes(self) -> Mapping[str, Any]:
-        """Fields of the record that several keys make together, as those of a placement."""
+        """Fields of the record that several keys make together."""
         return {}
 
     def __repr__(self) -> str:
@@ -125,7 +125,7 @@ class Table(BaseModel):
 
 
 class Versioned(Table):
-    """What every file begins with."""
+    """The key that every file begins with."""
 
     format: Format
 
@@ -138,13 +138,13 @@ def broken(must_hold: str, received: str, remedy: str) -> PydanticCustomError:
 
 @dataclass(frozen=True, slots=True)
 class Choice(Discriminator):
-    """Picks the member of a union by a function of the raw table; `key` is the key that mainly decides."""
+    """Picks the member of a union by a function of the raw table; `key` is the key that usually decides."""
 
     key: str = "kind"
 
 
 def in_unit(value: float, unit: float) -> float:
-    """The number in a unit whose product with it is this value, to the last bit where there is one; as short as can be.
+    """The shortest number whose product with a unit is this value to the last bit; else the nearest number.
 
     >>> in_unit(38.10512e-3, 1e-3), in_unit(0.1 + 0.2, 1e-3)
     (38.10512, 300.00000000000006)
@@ -158,7 +158,7 @@ def in_unit(value: float, unit: float) -> float:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a raw value is a number that can be computed with: none of NaN, infinity, true, or beyond 1e30."""
+    """Whether a raw value is a finite number of at most 1e30 in size; booleans are not."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_NUMBER
 
 
@@ -170,8 +170,8 @@ def whole(least: int, most: int | None = None) -> Any:
 def one_or_each(
     good: Callable[[float], bool], must_hold: str, remedy: str, some: bool = False
 ) -> BeforeValidator:
-    """Annotation of one number, or a list of one for each: numbers that are good, some of them not 0 if that is asked;
-    what is left out passes."""
+    """Annotation of one number or a list of numbers. `good` must hold for each; some: one must differ from 0. None is
+    allowed."""
 
     def checked(value: Any) -> Any:
         numbers = value if isinstance(value, list) else [value]
@@ -186,7 +186,7 @@ def one_or_each(
 
 
 def read_only(values: ArrayLike, scale: float = 1.0) -> Array:
-    """Array of the scaled values that nobody can change by accident."""
+    """Read-only array of the scaled values."""
     array = np.ascontiguousarray(np.asarray(values, dtype=np.float64) * scale)
     array.setflags(write=False)
     return array

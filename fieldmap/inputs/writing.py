@@ -1,6 +1,6 @@
-"""Records as the data of a file: the way back of `fieldmap.inputs.declared`, and what is wrong with them.
+"""Records written as the data of a file, the inverse of `fieldmap.inputs.declared`, and the errors in them.
 
-The rules are those of files: the data are checked by the schema, and each finding is told at the path of the attribute.
+The schema of files checks the data, and each finding is reported at the path of the attribute.
 """
 
 import re
@@ -24,11 +24,11 @@ _NUMBER = re.compile(r"-?\d[\d.e+-]*")
 
 @dataclass(repr=False)
 class Writing(Record):
-    """Data of a file that are written of records.
+    """Data of a file, written from records.
 
-    paths: of attributes, by locations of the data. keys: by locations as well, the attribute and its `Key`. findings:
-    what cannot be written as data at all. unwritten: names of records of classes that have no keys, which are left out.
-    see: where people read what is expected. data: the whole.
+    paths: of attributes, by locations of the data. keys: attribute and `Key`, by locations. findings: values that data
+    cannot hold. unwritten: names of records without keys, which are left out. see: remedy that refers to the
+    documentation. data: of the whole file.
     """
 
     see: str
@@ -39,7 +39,7 @@ class Writing(Record):
     data: dict[str, Any] = field(default_factory=dict)
 
     def refuse(self, location: Location, path: str, must_hold: str, value: object) -> None:
-        """A value of a type that the data of a file cannot hold."""
+        """Note a value of a type that the data of a file cannot hold."""
         self.paths[location] = path
         received = shown(value) if isinstance(value, str | bool | int | float) else type(value).__name__
         self.findings.append(Finding(location, must_hold, received, self.see))
@@ -52,7 +52,7 @@ class Writing(Record):
         path: str = "",
         without: tuple[str, ...] = (),
     ) -> dict[str, Any]:
-        """The keys of a record, but for those at their defaults. without: attributes that are left out.
+        """The keys of a record, except those at their defaults. without: attributes that are left out.
 
         Keys that the table does not have are written as well, for the schema to refuse.
         """
@@ -78,7 +78,7 @@ class Writing(Record):
         return data
 
     def _value(self, value: Any, one: Declared, place: Location) -> Any:
-        """A value in the unit of the file; of a record its table, of a sequence or mapping of records as many."""
+        """Value in the unit of the file. A record becomes a table; a sequence or mapping of records, one of tables."""
         tables = list(tables_of(one.about.rule))
         if value is None:
             return None
@@ -108,7 +108,7 @@ class Writing(Record):
         return self._record(value, tables, place, path)
 
     def _leaves_out(self, record: Any, tables: list[type[Table]], hint: Any, name: str) -> bool:
-        """Whether a record is of a class that users derived, or holds what no file can."""
+        """Whether a record is of a class derived by a user, or cannot be written to a file; notes its name."""
         derived = isinstance(record, _classes_in(hint)) and all(
             one.makes is not type(record) for one in tables
         )
@@ -120,7 +120,7 @@ class Writing(Record):
     def _record(
         self, record: Any, tables: list[type[Table]], location: Location, path: str
     ) -> dict[str, Any]:
-        """The table of a record that is written in one of several."""
+        """The table of a record, which one of several tables can write."""
         self.paths.setdefault(location, path)
         own = [one for one in tables if one.makes is type(record)]
         if not own:
@@ -130,7 +130,7 @@ class Writing(Record):
         chosen = next((one for one in own if _takes(one, record)), None)
         if chosen is not None:
             return self.table(record, chosen, location, path)
-        # A part of it is what no table knows, or it lacks what chooses among them.
+        # No table takes the record: one of its parts fits no table, or the choice among the tables is missing.
         for attribute in own[0].beside:
             inner = [one.beside[attribute] for one in own if attribute in one.beside]
             part = getattr(record, attribute)
@@ -138,12 +138,12 @@ class Writing(Record):
                 return self._record(part, inner, (*location, attribute), f"{path}.{attribute}")
         return self.table(record, own[-1], location, path)
 
-    # ---- what is wrong ----
+    # ---- problems ----
 
     def problem(self, finding: Finding, title: str) -> Problem:
-        """A finding of the data at the path of its attribute, behind a title."""
+        """The problem of a finding: a title and the path of its attribute, with names and units of attributes."""
         path, steps = self._attribute_path(finding.location), finding.location
-        # The key, without numbers of entries behind it.
+        # The key, without entry numbers after it.
         place = steps[: max((k + 1 for k, step in enumerate(steps) if isinstance(step, str)), default=0)]
         about = self.keys[place][1] if place in self.keys else None
         unit = f" {_in_words(about.unit)}" if about and UNITS.get(about.unit, 1.0) != 1.0 else ""
@@ -161,7 +161,7 @@ class Writing(Record):
         )
 
     def _in_code(self, text: str, table: Location) -> str:
-        """A text about keys of a table, for attributes: numbers in the unit of a key keep it."""
+        """A text about keys of a table with the names of attributes; numbers get the unit of their key."""
         for known, (attribute, about) in self.keys.items():
             key = str(known[-1])
             if known[:-1] == table and UNITS.get(about.unit, 1.0) != 1.0 and key in text:
@@ -179,7 +179,7 @@ class Writing(Record):
 
 
 def tables_of(rule: Any) -> Iterable[type[Table]]:
-    """The tables that an annotation has in it: of a choice all, of a list or mapping those of its entries."""
+    """The tables in an annotation: all of a choice, and those of the entries of a list or mapping."""
     if isinstance(rule, type) and issubclass(rule, Table):
         yield rule
     origin, arguments = get_origin(rule), get_args(rule)
@@ -198,7 +198,7 @@ def _classes_in(hint: Any) -> tuple[type, ...]:
 
 
 def _takes(table: type[Table], record: Any) -> bool:
-    """Whether a record, and what stands in it, is written in a table; of a sequence its only record."""
+    """Whether a record and its parts are written in a table; a part may be a sequence of one record."""
     if table.makes is not type(record) or not (table.takes is None or table.takes(record)):
         return False
     parts = ((inner, getattr(record, attribute)) for attribute, inner in table.beside.items())

@@ -1,8 +1,7 @@
-"""What stands between a machine and its controller: sensors, converters, amplifiers, noise, estimators of a pose.
+"""Instruments between a machine and its controller: sensors, converters, amplifiers, noise, estimators of a pose.
 
-Each instrument is a frozen set of data-sheet numbers; functions turn it into a calculator (what accuracy to expect)
-or a block of a simulation (what the controller sees), with noise from a seeded `numpy.random.Generator`.
-Depends on: errors, arguments, core, lookup. Knows no particular card or rig: their numbers are the user's.
+Each instrument is a frozen set of data-sheet numbers, which the user gives. Functions compute its accuracy, or
+simulate it, with noise from a seeded `numpy.random.Generator`. Depends on: errors, arguments, core, lookup.
 """
 
 from fieldmap.instruments.calibration_curve import CalibrationCurve, calibrate

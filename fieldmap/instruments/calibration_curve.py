@@ -1,4 +1,4 @@
-"""The height of a magnet from one field sensor, as desk levitators find it: docs/field_sensors.md (5)."""
+"""The height of a magnet from one field sensor, as in desk levitators: docs/field_sensors.md (5)."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from fieldmap.typing import Array
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CalibrationCurve(Record):
-    """The height of a magnet from the reading of one field sensor, less the share of the currents.
+    """The height of a magnet from the reading of one field sensor, minus the contribution of the currents.
 
-    sensor: its name. constant: reading without currents and magnet, T. per_ampere (n,): share of the currents, T/A.
-    readings (k,): of the magnet, T, rising; heights (k,), m; slopes (k,): dz/dr, m/T. Between these points the curve is
-    piecewise cubic; beyond them it keeps the height of the end. error: largest distance of the curve from the map's
-    readings in the middles between its points, m.
+    sensor: its name. constant: reading without currents and magnet, T. per_ampere (n,): contribution of the currents,
+    T/A. readings (k,): of the magnet, T, rising; heights (k,), m; slopes (k,): dz/dr, m/T. The curve is piecewise
+    cubic between these points, and constant beyond them. error: largest error of the height midway between the
+    points, compared with the map, m.
     """
 
     sensor: str
@@ -37,7 +37,7 @@ class CalibrationCurve(Record):
 
     @property
     def core(self) -> CoreCurve:
-        """The curve as the C core takes it."""
+        """The curve for the C core."""
         return CoreCurve(self.constant, self.per_ampere, self.readings, self.heights, self.slopes)
 
     def height(self, reading: ArrayLike, currents: ArrayLike) -> Array:
@@ -46,14 +46,14 @@ class CalibrationCurve(Record):
         Parameters
         ----------
         reading
-            Of the sensor, T: one number or (p,).
+            Readings of the sensor, T: one number or (p,).
         currents
-            (n,) for all or (p, n), A.
+            Currents, A: (n,) for all readings or (p, n).
 
         Returns
         -------
         Array
-            Heights, m, of the shape of the readings.
+            Heights, m, in the shape of the readings.
 
         Raises
         ------
@@ -69,7 +69,7 @@ class CalibrationCurve(Record):
         return found.reshape(given.shape)
 
     def slope_at(self, height: float) -> float:
-        """What turns noise of the reading into noise of the height.
+        """Slope of the curve, the factor from noise of the reading to noise of the height.
 
         Parameters
         ----------
@@ -98,30 +98,30 @@ def calibrate(
     currents: Any = 0.0,
     scale: float = 1.0,
 ) -> CalibrationCurve:
-    """The calibration curve of one field sensor, for a magnet that moves up and down.
+    """Compute the calibration curve of one field sensor for a magnet that moves vertically.
 
     Parameters
     ----------
     field_map
-        With field sensors.
+        Map with field sensors.
     body
         Magnets without soft iron: `fieldmap.lookup.magnetic_body`.
     sensor
-        Name of the sensor; the only one unless given.
+        Name of the sensor; by default the only one.
     heights
-        Lowest and highest height of the magnet, m; as far as the whole magnet lies in the map unless given.
+        Lowest and highest height of the magnet, m; by default all heights at which the whole magnet lies in the map.
     beside
         x and y of the magnet, m.
     orientation
-        Rotation (3, 3) whose columns are the axes of the body; upright unless given.
+        Rotation (3, 3) with the axes of the body as columns; by default upright.
     above
-        How far the point whose height is found lies above the centre of the magnet, m.
+        Height of the sensed point above the centre of the magnet, m.
     nodes
-        Points of the curve, evenly over the heights.
+        Number of points of the curve, equally spaced over the heights.
     currents
-        A, as for `FieldMap.field`: about which the share of the currents is linear, where iron saturates.
+        Currents, A, as for `FieldMap.field`, about which their contribution is linearised if iron saturates.
     scale
-        Calibration by which the field of coils, iron and background is multiplied.
+        Calibration factor of the field of coils, iron and background.
 
     Returns
     -------
@@ -131,9 +131,9 @@ def calibrate(
     Raises
     ------
     InputError
-        For a map without such a sensor, a body with soft iron, and a reading that does not rise or fall all the way.
+        For a map without this sensor, a body with soft iron, and a reading that is not monotonic over the heights.
     OutsideMapError
-        Where a part of the magnet is outside the map.
+        If a part of the magnet is outside the map.
     """
     number = _number_of(field_map, sensor)
     check(not body.soft, "calibrate(body)", "must be magnets without soft iron", "soft iron", "leave it out")
@@ -171,7 +171,7 @@ def calibrate(
 
 
 def _number_of(field_map: FieldMap, sensor: str | None) -> int:
-    """Which of the map's sensors has this name; the only one where none is given."""
+    """Index of the map's sensor with this name; by default the only one."""
     names = () if field_map.sensors is None else field_map.sensors.names
     fits = len(names) == 1 if sensor is None else sensor in names
     remedy = "give the device a [[sensor]] and make the map with this version, or name one of its sensors"

@@ -1,4 +1,4 @@
-"""Converters, analogue to digital and back, with their absolute accuracy, and amplifiers of currents."""
+"""Analogue-to-digital and digital-to-analogue converters with their absolute accuracy, and current amplifiers."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from fieldmap.records import Record
 from fieldmap.typing import Array
 
 USUAL_RANGE = 10.0
-"""V, to both sides: of the analogue signals of sensors, converters and amplifiers. It is assumed where no other range
-is given, in Python and in scenario files."""
+"""Default range of analogue signals, plus and minus, V, of sensors, converters and amplifiers, also in scenario
+files."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Converter(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Accuracy(Record):
-    """Absolute accuracy of a reading, V, and the three parts that it is the sum of: docs/theory/control.md (10).
+    """Absolute accuracy of a reading, V, the sum of three parts: docs/theory/control.md (10).
 
     net_gain_error: V/V of the reading; net_offset_error: of the range; noise_uncertainty: V.
     """
@@ -85,9 +85,9 @@ def absolute_accuracy(
     internal_change, external_change
         Kelvins since the last internal and external calibration.
     averages
-        Readings whose mean is taken.
+        Number of readings that are averaged.
     coverage
-        How many standard deviations of the noise.
+        Coverage factor: number of standard deviations of the noise.
 
     Returns
     -------
@@ -133,9 +133,8 @@ def absolute_accuracy(
 class Amplifier(Record):
     """i = gain v + offset, limited.
 
-    gain: A/V. lower, upper: range of the input, V; `USUAL_RANGE` is assumed unless given. offset: A. deviation:
-    standard deviation of the current, A, taken as white and Gaussian. current_lower, current_upper: limits of it, A;
-    those of the input times the gain unless given.
+    gain: A/V. lower, upper: range of the input, V, by default `USUAL_RANGE`. offset: A. deviation: standard deviation
+    of the current, A, as white Gaussian noise. current_lower, current_upper: limits of the current, A.
     """
 
     gain: float

@@ -1,4 +1,4 @@
-"""The electronics of Hall and fluxgate elements: from a flux density to what a controller reads of it."""
+"""The electronics of Hall and fluxgate elements, from a flux density to the reading of a controller."""
 
 from __future__ import annotations
 
@@ -18,10 +18,9 @@ from fieldmap.typing import Array
 class FieldElement(Record):
     """Data-sheet numbers of an element with an analogue output and of its input converter.
 
-    sensitivity: V/T. range: largest flux density to both sides, T; the output stays at its end beyond. deviation:
-    standard deviation of a reading, T, taken as white and Gaussian. offset, T, and gain_error (T/T): what readings are
-    wrong by. converter: of the output, with a noise of its own; None reads the output as it is. latency: samples by
-    which a reading comes late.
+    sensitivity: V/T. range: largest flux density, plus and minus, T, at which the output saturates. deviation:
+    standard deviation of a reading, T, as white Gaussian noise. offset, T, and gain_error (T/T): errors of readings.
+    converter: of the output, with its own noise; None: the output is read without a converter. latency: in samples.
     """
 
     sensitivity: float
@@ -42,7 +41,7 @@ class FieldElement(Record):
 
     @property
     def chain(self) -> Chain:
-        """From a flux density to what the controller reads, as the C core simulates it."""
+        """The chain from a flux density to the reading of the controller, for the C core."""
         step, widest = (
             (0.0, np.inf) if self.converter is None else (self.converter.resolution, self.converter.range)
         )
@@ -52,7 +51,7 @@ class FieldElement(Record):
 
     @property
     def whole_deviation(self) -> float:
-        """Standard deviation of what the controller reads, T: of element and converter, and of its steps."""
+        """Standard deviation of the controller's reading, T, from element, converter and its quantisation."""
         if self.converter is None:
             return self.deviation
         of_converter = self.converter.random_noise, self.converter.resolution / np.sqrt(12.0)
@@ -62,12 +61,12 @@ class FieldElement(Record):
 def measured_readings(
     element: FieldElement, readings: ArrayLike, generator: np.random.Generator | None = None
 ) -> Array:
-    """What the controller sees of true readings: noise, range, offset, gain, converter, lateness.
+    """Readings of the controller from true flux densities: noise, range, offset, gain, converter, latency.
 
     Parameters
     ----------
     element
-        Of every sensor.
+        Electronics of every sensor.
     readings
         Flux densities (n, s) of s sensors at n samples, T.
     generator
@@ -76,7 +75,7 @@ def measured_readings(
     Returns
     -------
     Array
-        Readings (n, s), T. The first one stands until a later one has come.
+        Readings (n, s), T. The first reading is repeated until the latency has passed.
 
     Raises
     ------

@@ -1,8 +1,9 @@
 """The pose of a magnet from the readings of field sensors, on a map: docs/field_sensors.md (3), (4).
 
-The share of the currents is taken off, and the rest tells the pose. Least squares take one set of readings; an extended
-Kalman filter goes on from sample to sample. Both use the exact derivatives of the map's readings. A change of the pose
-is a shift along the axes of the map and a turn about the axes of the body: six numbers, m and rad.
+The contribution of the currents is subtracted from the readings; the rest depends on the pose. A least-squares fit
+uses one set of readings; an extended Kalman filter uses successive samples. Both use the exact derivatives of the
+map's readings. A change of the pose is a shift along the axes of the map and a rotation about those of the body, m
+and rad.
 """
 
 from __future__ import annotations
@@ -20,30 +21,30 @@ from fieldmap.records import Record
 from fieldmap.typing import Array
 
 _UNITS = np.repeat([1e-3, np.deg2rad(1.0)], 3)
-"""Shifts and turns are weighed against each other in millimetres and degrees."""
+"""Units of shifts and rotations in norms of a change of the pose: 1 mm and 1 degree."""
 
-# Directions of smaller singular values, as shares of the largest, are not seen.
+# Directions with singular values below this share of the largest one are not observable.
 _SEEN = 1e-6
 _STEPS, _TRIALS = 100, 30
 _FIRST_DAMPING, _LEAST_DAMPING = 1e-3, 1e-9
-# In `_UNITS`: a smaller step ends a search.
+# A search ends at a step below this size in `_UNITS`.
 _ENOUGH = 1e-6
-# Shares of the squares of the readings that a pose may leave unexplained, unless they are so few squares of deviations.
+# Largest sum of squared residuals: this share of that of the readings, or this many deviations^2 per reading.
 _EXPLAINED, _IN_NOISE = 0.25, 100.0
-# Places that are asked about at a time: each point of a magnet takes memory.
+# Number of positions that are evaluated at a time, limited by memory.
 _AT_ONCE = 500
-# Shares of sizes below which dipoles lie as those of a round magnet do.
+# Relative tolerance for the symmetry of a round magnet's dipoles.
 _ROUND = 1e-6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Observability(Record):
-    """What sensors tell of the pose of a magnet at n places.
+    """Observability of the pose of a magnet at n positions.
 
-    positions (n, 3), m. singular_values (n, k), falling, of the sensitivity matrix: by how many standard deviations of
-    the noise the readings change, all together, for a change of the pose by 1 mm or 1 degree along the direction that
-    is seen best, the next, and so on. seen (n,): of how many directions that is not nothing. deviations (n, 6): of an
-    estimate from one set of readings (the bound of Cramer and Rao), m and rad; infinite where nothing is seen.
+    positions (n, 3), m. singular_values (n, k), falling, of the sensitivity matrix: norm of the change of all
+    readings, in standard deviations of the noise, for a change of the pose by 1 mm or 1 degree along each singular
+    direction. seen (n,): number of observable directions. deviations (n, 6): of an estimate from one set of readings
+    (Cramer-Rao bound), m and rad; infinite for components that are not observable.
     """
 
     positions: Array
@@ -53,7 +54,7 @@ class Observability(Record):
 
     @property
     def smallest(self) -> Array:
-        """The smallest singular value (n,) of as many directions as are seen at the best place."""
+        """The smallest singular value (n,) among the directions that are observable at the best position."""
         return self.singular_values[:, self.seen.max() - 1]
 
 
@@ -61,9 +62,9 @@ class Observability(Record):
 class PoseEstimate(Record):
     """A pose from one set of readings.
 
-    position (3,), m. rotation (3, 3): columns are the axes of the body. covariance (6, 6), m and rad, of what is seen;
-    deviations (6,): infinite where nothing is seen, and the start is kept. residual (s,): readings less those of the
-    pose, T. steps: of the search.
+    position (3,), m. rotation (3, 3): columns are the axes of the body. covariance (6, 6), m and rad, of the
+    observable directions; deviations (6,): infinite for components that are not observable and keep their start.
+    residual (s,): readings minus those of the pose, T. steps: of the search.
     """
 
     position: Array
@@ -76,10 +77,10 @@ class PoseEstimate(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrackedPose(Record):
-    """A pose that a filter follows.
+    """Pose and velocity in a filter.
 
-    position (3,), m. rotation (3, 3): columns are the axes of the body. velocity (3,), m/s, along the axes of the map;
-    spin (3,), rad/s, about those of the body. covariance (12, 12): of place, turn, velocity, spin.
+    position (3,), m. rotation (3, 3): columns are the axes of the body. velocity (3,), m/s, along the axes of the
+    map; spin (3,), rad/s, about the axes of the body. covariance (12, 12): of position, rotation, velocity, spin.
     """
 
     position: Array
@@ -96,32 +97,32 @@ def observability(
     deviation: ArrayLike,
     orientation: ArrayLike | None = None,
 ) -> Observability:
-    """What the sensors of a map tell of the pose of a magnet.
+    """Observability of the pose of a magnet by the sensors of a map.
 
     Parameters
     ----------
     field_map
-        With field sensors.
+        Map with field sensors.
     body
         Magnets without soft iron: `fieldmap.lookup.magnetic_body`.
     positions
-        Places (n, 3), m.
+        Positions (n, 3), m.
     deviation
-        Standard deviation of a reading, T; one for all sensors or (s,).
+        Standard deviation of a reading, T; one number for all sensors or (s,).
     orientation
-        Rotation (3, 3) whose columns are the axes of the body; upright unless given.
+        Rotation (3, 3) with the axes of the body as columns; by default upright.
 
     Returns
     -------
     Observability
-        Singular values and deviations at every place.
+        Singular values and deviations at every position.
 
     Raises
     ------
     InputError
         For a map without sensors, a body with soft iron, and a deviation that is not positive.
     OutsideMapError
-        Where a part of the body is outside the map.
+        If a part of the body is outside the map.
     """
     model = _Model.of("observability", field_map, body, deviation)
     where = np.atleast_2d(check_signal("observability(positions)", positions, columns=3))
@@ -148,18 +149,18 @@ def estimate_pose(
     Parameters
     ----------
     field_map
-        With field sensors.
+        Map with field sensors.
     body
         Magnets without soft iron: `fieldmap.lookup.magnetic_body`.
     readings
-        Of the sensors (s,), T.
+        Readings of the sensors (s,), T.
     currents
-        A, as for `FieldMap.field`.
+        Currents, A, as for `FieldMap.field`.
     deviation
-        Standard deviation of a reading, T; one for all sensors or (s,).
+        Standard deviation of a reading, T; one number for all sensors or (s,).
     position, orientation
-        Where the search begins: place (3,), m, and rotation (3, 3); the middle of the map and upright unless given.
-        What the sensors do not see, such as the roll of a round magnet, stays as it is there.
+        Start of the search: position (3,), m, by default the middle of the map, and rotation (3, 3), by default
+        upright. Directions that are not observable, such as the roll of a round magnet, keep their start.
 
     Returns
     -------
@@ -171,8 +172,8 @@ def estimate_pose(
     InputError
         For a map without sensors, a body with soft iron, and another number of readings.
     NotConverged
-        Where the search does not end, or would have to leave the map; where it ends at a pose that leaves half of the
-        readings unexplained (and those are no noise).
+        If the search does not end, or would have to leave the map, or ends at a pose that leaves half of the readings
+        unexplained (in root mean square, and above the noise).
     """
     model = _Model.of("estimate_pose", field_map, body, deviation)
     middle = 0.5 * (field_map.lower + field_map.upper)
@@ -186,13 +187,13 @@ def estimate_pose(
         left, values, directions = np.linalg.svd(weighed, full_matrices=False)
         blocked = False
         for _ in range(_TRIALS):
-            # Levenberg's and Marquardt's step: along what is hardly seen it is short.
+            # Levenberg-Marquardt step, which is short along directions with small singular values.
             shares = values / (values**2 + damping * values[0] ** 2)
             step = (off @ left * shares) @ directions
             moved = _moved(place, turn, step * _UNITS)
             found = model.inside(*moved)
             blocked |= found is None
-            # At the edge of the map steps are small, too.
+            # Steps at the edge of the map are small too, but do not mean convergence.
             if not blocked and np.linalg.norm(step) < _ENOUGH:
                 if off @ off > max(_EXPLAINED * np.sum((wanted / model.noise) ** 2), _IN_NOISE * len(off)):
                     raise _no_pose(off, "must be explained by a pose in the map")
@@ -206,7 +207,7 @@ def estimate_pose(
             damping *= 10.0
         else:
             break
-        # As far as the linear prediction was right.
+        # The damping follows the accuracy of the linear prediction.
         foreseen = off @ off - np.sum((off - weighed @ step) ** 2)
         damping = max(
             damping * (0.1 if gain > 0.75 * foreseen else 10.0 if gain < 0.25 * foreseen else 1.0),
@@ -226,9 +227,9 @@ def _no_pose(off: Array, must_hold: str) -> NotConverged:
 class PoseFilter(Record):
     """An extended Kalman filter for the pose of a magnet.
 
-    The magnet moves evenly, but for accelerations that are known and white noise. field_map: with field sensors. body:
-    magnets without soft iron. deviation: of a reading, T; one for all sensors or (s,). acceleration_noise: spectral
-    density, of the acceleration in m/s^2 and of the angular acceleration in rad/s^2, over the root of Hz.
+    The model is motion with known accelerations plus white noise. field_map: with field sensors. body: magnets
+    without soft iron. deviation: of a reading, T; one number for all sensors or (s,). acceleration_noise: root
+    spectral densities of acceleration, m/s^2, and angular acceleration, rad/s^2, per root of Hz.
 
     Raises InputError for a map without sensors, a body with soft iron, and numbers that are not positive.
     """
@@ -249,14 +250,14 @@ class PoseFilter(Record):
         Parameters
         ----------
         estimate
-            Of `estimate_pose`.
+            Result of `estimate_pose`.
         speed, spin
             Standard deviations of its speed, m/s, and of its spin, rad/s.
 
         Returns
         -------
         TrackedPose
-            The state of the filter. The deviation of what is not seen is half a turn.
+            The state of the filter. A component that is not observable has a standard deviation of half a turn.
         """
         covariance = np.zeros((12, 12))
         covariance[:6, :6] = estimate.covariance
@@ -274,21 +275,21 @@ class PoseFilter(Record):
         acceleration: ArrayLike = (0.0, 0.0, 0.0),
         angular_acceleration: ArrayLike = (0.0, 0.0, 0.0),
     ) -> TrackedPose:
-        """Go on to the next sample, and take in its readings.
+        """Predict the next sample, and correct the prediction by its readings.
 
         Parameters
         ----------
         state
-            At the last sample.
+            State at the last sample.
         readings
-            Of the sensors (s,) at this sample, T.
+            Readings of the sensors (s,) at this sample, T.
         currents
-            At this sample, A, as for `FieldMap.field`.
+            Currents at this sample, A, as for `FieldMap.field`.
         duration
-            Between the samples, s.
+            Time between the samples, s.
         acceleration, angular_acceleration
-            Known ones in between (3,), such as force over mass by `FieldMap.wrench`: m/s^2 along the axes of the map,
-            rad/s^2 about those of the body.
+            Known accelerations between the samples (3,), such as force over mass by `FieldMap.wrench`: m/s^2 along
+            the axes of the map, rad/s^2 about the axes of the body.
 
         Returns
         -------
@@ -298,7 +299,7 @@ class PoseFilter(Record):
         Raises
         ------
         OutsideMapError
-            Where the predicted pose lies outside the map.
+            If the predicted pose lies outside the map.
         """
         model = _Model.of("PoseFilter.step", self.field_map, self.body, self.deviation)
         check_positive("PoseFilter.step", duration=duration)
@@ -322,13 +323,13 @@ class PoseFilter(Record):
         ).T
         kept = np.eye(12) - gain @ sensitivity
         change = gain @ off
-        # Joseph's form keeps it symmetric and positive.
+        # The Joseph form keeps the covariance symmetric and positive definite.
         covariance = kept @ covariance @ kept.T + gain @ gain.T
         place, rotation = _moved(place, rotation, change[:6])
         return TrackedPose(place, rotation, velocity + change[6:9], spin + change[9:], covariance)
 
     def _noise(self, duration: float) -> Array:
-        """Covariance (12, 12) of what white accelerations do within a time."""
+        """Covariance (12, 12) of the effect of white accelerations over a time."""
         density = np.diag(np.repeat(np.square(self.acceleration_noise), 3))
         times = np.array([[duration**3 / 3, duration**2 / 2], [duration**2 / 2, duration]])
         return np.kron(times, density)
@@ -336,8 +337,8 @@ class PoseFilter(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _Model(Record):
-    """What the sensors of a map read of a body, with the noise (s,) of their readings, T. turns (3, 3): takes what no
-    sensor can see off a turn."""
+    """Readings of the sensors of a map for a body, with the noise (s,), T. turns (3, 3): projection of a rotation
+    that removes the roll about the axis of a round magnet."""
 
     field_map: FieldMap
     body: MagneticBody
@@ -357,7 +358,7 @@ class _Model(Record):
         return cls(field_map, body, noise, np.eye(3) - np.outer(axis, axis))
 
     def at(self, positions: Array, rotation: Array) -> tuple[Array, Array]:
-        """Readings (..., s), T, and their derivatives (..., s, 6) in `_UNITS` over the noise."""
+        """Readings (..., s), T, and their derivatives (..., s, 6) per `_UNITS`, divided by the noise."""
         where, sensors = np.atleast_2d(positions), self.field_map.sensors
         assert sensors is not None
         arms, dipoles = self.body.dipoles(self.field_map, where, None, rotation)
@@ -376,7 +377,7 @@ class _Model(Record):
             return None
 
     def without_currents(self, readings: ArrayLike, currents: Any, position: Array) -> Array:
-        """Readings (s,) less the share of the currents."""
+        """Readings (s,) minus the contribution of the currents."""
         given = check_signal("readings", readings)
         must_hold, remedy = (
             f"one for each of {len(self.noise)} sensors",
@@ -387,7 +388,7 @@ class _Model(Record):
 
 
 def _spread(values: Array, directions: Array) -> tuple[Array, Array]:
-    """Covariance (6, 6) of what is seen, and deviations (6,), from singular values and directions (k, 6)."""
+    """Covariance (6, 6) of observable directions, and deviations (6,), from singular values and directions (k, 6)."""
     seen = values > _SEEN * values[0]
     found = directions[seen] / values[seen, None]
     covariance = np.outer(_UNITS, _UNITS) * (found.T @ found)
@@ -396,10 +397,10 @@ def _spread(values: Array, directions: Array) -> tuple[Array, Array]:
 
 
 def _axis_of_roundness(body: MagneticBody) -> Array:
-    """Unit vector (3,) about which a body can turn without a trace, as a round magnet can; zero without one.
+    """Unit vector (3,) along the axis of a round magnet, about which a rotation is not observable; zero without one.
 
-    Its dipoles are parallel, and those across the axis are balanced and spread alike in all directions. The points of a
-    volume rule would show a roll that the magnet does not.
+    Its dipoles are parallel, and their first and second moments across the axis are those of a round magnet. The
+    points of the volume rule alone would make a roll seem observable.
     """
     total = body.moments.sum(axis=0)
     axis = total / (np.linalg.norm(total) or 1.0)
@@ -421,10 +422,10 @@ def _moved(place: Array, rotation: Array, change: Array) -> tuple[Array, Array]:
 
 
 def _rotation(turn: Array) -> Array:
-    """Rotation (3, 3) by a turn (3,), rad: Rodrigues' formula."""
+    """Rotation (3, 3) by a rotation vector (3,), rad: Rodrigues' formula."""
     angle = float(np.linalg.norm(turn))
     x, y, z = turn
     across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    # sinc in halves: exact for no turn, too.
+    # sinc of half the angle is exact at angle 0, too.
     half = np.sinc(0.5 * angle / np.pi)
     return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * across + 0.5 * half**2 * across @ across)

@@ -1,5 +1,4 @@
-"""The instruments of an axis: blocks of a simulation, what the controller sees and what current flows, and their worst
-case."""
+"""The instruments of an axis: simulated readings and currents, and the worst-case error."""
 
 from __future__ import annotations
 
@@ -17,7 +16,7 @@ from fieldmap.records import Record
 from fieldmap.typing import Array
 
 ROUNDING = ("up", "nearest")
-# A number that lies on a step but for rounding in the last bits counts as lying on it.
+# A number that lies off a step only by rounding counts as lying on it.
 _SLACK = 1e-9
 
 
@@ -25,8 +24,8 @@ _SLACK = 1e-9
 class Rig(Record):
     """One axis: sensor, input converter, output converter, amplifier.
 
-    gain_error (V/V), offset_error (V): what the input converter's reading is wrong by in this simulation; its data
-    sheet bounds them (`absolute_accuracy`), it does not say them.
+    gain_error (V/V), offset_error (V): errors of the input converter in this simulation. Its data sheet gives only
+    their bounds (`absolute_accuracy`).
     """
 
     micrometer: Micrometer
@@ -41,14 +40,14 @@ class Rig(Record):
 
     @property
     def chain(self) -> Chain:
-        """From a position to what the controller reads, as the C core simulates it."""
+        """The chain from a position to the reading of the controller, for the C core."""
         m, c = self.micrometer, self.input
         sensor = (m.zero, m.scale, m.voltage_step, m.lower, m.upper)
         return Chain(*sensor, self.gain_error, self.offset_error, c.resolution, -c.range, c.range)
 
     @property
     def drive(self) -> Drive:
-        """From the controller's voltage to the current, as the C core simulates it."""
+        """The drive from the controller's voltage to the current, for the C core."""
         a, c = self.amplifier, self.output
         lower, upper = max(a.lower, -c.range), min(a.upper, c.range)
         return Drive(c.resolution, lower, upper, a.gain, a.offset, a.current_lower, a.current_upper)
@@ -73,7 +72,7 @@ def draw_noise(rig: Rig, generator: np.random.Generator, shape: tuple[int, ...])
     generator
         A seeded generator.
     shape
-        Of the noise.
+        Shape of the noise.
 
     Returns
     -------
@@ -85,16 +84,16 @@ def draw_noise(rig: Rig, generator: np.random.Generator, shape: tuple[int, ...])
 
 
 def measured_positions(rig: Rig, positions: ArrayLike, generator: np.random.Generator | None = None) -> Array:
-    """What the controller sees of true positions: noise, sensor steps, converter.
+    """Readings of the controller from true positions: noise, rounding of the sensor, converter.
 
-    Scanning, averaging and lateness: `watch`.
+    `watch` adds scanning, averaging and latency.
 
     Parameters
     ----------
     rig
         The rig.
     positions
-        m, of any shape.
+        True positions, m, of any shape.
     generator
         A seeded generator; without it there is no noise.
 
@@ -120,14 +119,14 @@ def measured_positions(rig: Rig, positions: ArrayLike, generator: np.random.Gene
 
 
 def driven_currents(rig: Rig, voltages: ArrayLike, generator: np.random.Generator | None = None) -> Array:
-    """The currents that flow for voltages of the controller: converter, limits, gain, noise.
+    """Currents from voltages of the controller: converter, limits, gain, noise.
 
     Parameters
     ----------
     rig
         The rig.
     voltages
-        V, of any shape.
+        Voltages, V, of any shape.
     generator
         A seeded generator; without it there is no noise.
 
@@ -174,11 +173,11 @@ def loop_instruments(rig: Rig, position: float = 0.0, output: float = 0.0) -> Lo
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ErrorBudget(Record):
-    """The steps of the budget. In SI units; the first axis has what may be actual (high, low), the last four entries
-    are high + accuracy, high - accuracy, low - accuracy, low + accuracy.
+    """The steps of the error budget. Arrays (2,) are for the highest and the lowest actual position; arrays (4,) are
+    for high + accuracy, high - accuracy, low - accuracy, low + accuracy.
 
     actual (2,), shown (2,) by the sensor, m; voltages (2,); codes (2,) before and steps (2,) after rounding by the
-    converter; inputs (2,): voltages it takes for them; accuracies (2,), V; measured_voltages (4,); measured (4,), m;
+    converter; inputs (2,): voltages of these steps; accuracies (2,), V; measured_voltages (4,); measured (4,), m;
     errors (4,) = nominal - measured, m.
     """
 
@@ -205,28 +204,27 @@ def error_budget(
 ) -> ErrorBudget:
     """Worst-case readings of a nominal position.
 
-    The sensor rounds to its resolution, the converter to its step, and errs by its absolute accuracy either
-    way.
+    The sensor rounds to its resolution. The converter rounds to its step, with an error of its absolute accuracy.
 
     Parameters
     ----------
     position
         Nominal position, m.
     sensor_accuracy
-        The sensor is right to plus or minus this, m.
+        Accuracy of the sensor, plus and minus, m.
     micrometer
         The sensor.
     converter
         The converter.
     converter_step
-        Its step, V; its resolution unless given.
+        Step of the converter, V; by default its resolution.
     rounding
-        Of the converter: "up" (16393.44 becomes 16394) or "nearest".
+        Rounding of the converter: "up" (16393.44 becomes 16394) or "nearest".
 
     Returns
     -------
     ErrorBudget
-        The readings, and how they come about.
+        The readings, with all steps.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Position sensors: one that scans, with an analogue output, and the frame of two crossed ones in a machine."""
+"""Position sensors: a scanning sensor with an analogue output, and the frame of two crossed sensors in a machine."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from fieldmap.typing import Array
 
 @dataclass(frozen=True)
 class Micrometer(Record):
-    """A sensor that scans a position and shows it as a voltage: position = scale voltage + zero.
+    """A sensor that scans a position, with an analogue output: position = scale voltage + zero.
 
-    zero: position at 0 V, m. scale: m/V. voltage_step: resolution of the analogue output, V (0: none). lower, upper:
-    its range, V; `USUAL_RANGE` is assumed unless given. scan_rate: scans per second, which `measuring_time` and `watch`
-    need. averages: scans whose mean is shown. latency: scans between the end of a mean and its appearance.
-    deviation: standard deviation of one scan, m, taken as white and Gaussian.
+    zero: position at 0 V, m. scale: m/V. voltage_step: resolution of the analogue output, V (0: no rounding). lower,
+    upper: its range, V, by default `USUAL_RANGE`. scan_rate: scans per second, required for `measuring_time` and
+    `watch`. averages: number of scans that are averaged. latency: delay of the output after the last scan of an
+    average, in scans. deviation: standard deviation of one scan, m, as white Gaussian noise.
     """
 
     zero: float
@@ -48,26 +48,26 @@ class Micrometer(Record):
 
     @property
     def resolution(self) -> float:
-        """The position that one step of the analogue output stands for, m."""
+        """Position step of one voltage step of the output, m."""
         return self.scale * self.voltage_step
 
     @property
     def measuring_time(self) -> float:
-        """Time for one mean, s."""
+        """Time for one average, s."""
         return self.averages / _scan_rate(self)
 
     @property
     def shown_deviation(self) -> float:
-        """Standard deviation of what is shown, m: deviation / sqrt(averages), before rounding."""
+        """Standard deviation of the output, m: deviation / sqrt(averages), before rounding."""
         return self.deviation / float(np.sqrt(self.averages))
 
     def position(self, voltage: ArrayLike) -> Array:
-        """The position that a voltage stands for.
+        """The position for a voltage.
 
         Parameters
         ----------
         voltage
-            V, of any shape.
+            Voltage, V, of any shape.
 
         Returns
         -------
@@ -104,23 +104,22 @@ def watch(
     Ts: float,
     generator: np.random.Generator | None = None,
 ) -> Array:
-    """What the sensor shows of a motion: scanned, averaged, late, held in between.
+    """Readings of the sensor during a motion: scanned, averaged, delayed, and held in between.
 
-    Before the first mean is known the first scan is shown. Rounding and limits of the output are those of
-    `measured_positions`.
+    Before the first average is available, the reading is the first scan. `measured_positions` rounds and limits.
 
     Parameters
     ----------
     micrometer
         The sensor.
     times
-        (n,), rising, s; the samples begin at times[0] and end at or before times[-1].
+        Times (n,), rising, s; the samples begin at times[0] and end at or before times[-1].
     positions
-        (n,), m, with a straight line in between.
+        Positions (n,), m, with linear interpolation in time.
     Ts
-        Time from sample to sample, s.
+        Sampling time, s.
     generator
-        A seeded generator that draws a scan's noise; without it there is none.
+        A seeded generator for the noise of the scans; without it there is no noise.
 
     Returns
     -------
@@ -159,11 +158,11 @@ def _scan_rate(micrometer: Micrometer) -> float:
 
 @dataclass(frozen=True, repr=False)
 class SensorFrame(Record):
-    """Two sensors in a plane, turned against the machine's axes, that see the near edge of a round body.
+    """Two sensors in a plane, rotated against the machine's axes, that measure the near edge of a round body.
 
     angle: of the sensors' axes against the machine's, rad. offset: reading of each sensor on the machine's axis, m.
-    radius: of the body, from the edge that is seen to its centre, m. bias: what is added to the machine's x and y
-    for the tolerances of the mounting, m.
+    radius: of the body, from the measured edge to its centre, m. bias: correction of the machine's x and y for
+    tolerances of the mounting, m.
 
     Local positions are (..., 3): the two readings and, unchanged by the transform, the third coordinate.
 
@@ -215,7 +214,7 @@ class SensorFrame(Record):
         return points @ matrix[:3, :3].T + matrix[:3, 3] + [*self.bias, 0.0]
 
     def to_local(self, position: ArrayLike) -> Array:
-        """What the sensors read; inverse of `to_global`.
+        """Readings of the sensors; inverse of `to_global`.
 
         Parameters
         ----------

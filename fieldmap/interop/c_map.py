@@ -1,7 +1,7 @@
-"""Maps as one flat file for C programs: of given fields (fieldmap.h of the C core reads it), and of saturating iron at
-any currents (fieldmap_iron.h).
+"""Maps as one flat file for C programs: maps of given fields (read by fieldmap.h of the C core), and maps of
+saturating iron at any currents (fieldmap_iron.h).
 
-Layouts, in the byte order of the machine that writes. Of given fields:
+Layouts, in the byte order of the machine that writes. Map of given fields:
 
     0   8 bytes   "fieldmap"
     8   uint32    0x01020304, which shows the byte order
@@ -16,7 +16,7 @@ Layouts, in the byte order of the machine that writes. Of given fields:
                   linkages; numbers 18 to 21 say whether there is a constant field, how many fields the reaction has,
                   how many of them count negatively, and how many coils have linkages
 
-Of saturating iron:
+Map of saturating iron:
 
     0   8 bytes   "fmapiron"
     8   uint32    0x01020304, which shows the byte order
@@ -62,23 +62,22 @@ from fieldmap.typing import PathLike
 VERSION, WITH_CONSTANT, WITH_REACTION, WITH_LINKAGE = 1, 2, 3, 4
 _IRON, _WITH_MEMORY = 1, 2
 _MOST_CONSTANTS = 1_000_000
-# Where the block, whose checksum the file has, says what the version says: whether there is a constant field, and how
-# many fields of the iron's reaction to magnets lie behind its own, of which the last so many count negatively, and of
-# how many coils there are linkages at the end.
+# Indices in the header of the block, which the checksum covers: whether there is a constant field, number of fields
+# of the iron's reaction to magnets, number of them with sign -1, and number of coils with linkages.
 _CONSTANT, _REACTING, _REPELLED, _LINKED = 18, 19, 20, 21
 
 
 def c_header() -> Path:
-    """The header for C and C++ programs, as it lies in the package, with those that it includes beside it."""
+    """Path of the header for C and C++ programs in the package; headers that it includes are in the same folder."""
     return FOLDER / "fieldmap.h"
 
 
 def write_c_map(field: FieldMap | MapAtCurrents, path: PathLike) -> Path:
     """Write an opened map, or a map at fixed currents, for C programs.
 
-    A map keeps its coils, and the C program sets currents; a field that no current drives goes with them. A
-    map of saturating iron can be written at fixed currents only. The rule for points outside goes with it:
-    clamp, or NaN. The file appears complete or not at all.
+    The file keeps the coils of a map, whose currents the C program sets, a field that no current drives, and the rule
+    for points outside: clamp, or NaN. A map of saturating iron can be written at fixed currents only. The file
+    appears complete or not at all.
 
     Parameters
     ----------
@@ -95,7 +94,7 @@ def write_c_map(field: FieldMap | MapAtCurrents, path: PathLike) -> Path:
     Raises
     ------
     InputError
-        For a Hermite form, whose coefficients the header does not read.
+        For a Hermite form, which the header does not support.
 
     Examples
     --------
@@ -113,7 +112,7 @@ def _linkage(field: FieldMap | MapAtCurrents) -> StoredLinkage | None:
 
 
 def _contents(field: FieldMap | MapAtCurrents) -> tuple[NDArray[np.float64], tuple[str, ...], bool]:
-    """The block, the names of its coils, and whether one more set behind them is a field that no current drives."""
+    """The block, the names of its coils, and whether its last set is a field that no current drives."""
     source = field.at(0.0) if isinstance(field, FieldMap) and not field.coil_names else field
     if isinstance(source, FieldMap):
         require_affine(source, "map for C")
@@ -124,14 +123,14 @@ def _contents(field: FieldMap | MapAtCurrents) -> tuple[NDArray[np.float64], tup
 
 
 def write_c_files(field: FieldMap | MapAtCurrents, path: PathLike) -> tuple[Path, Path]:
-    """`write_c_map`, and the header that reads the map beside it, in one piece.
+    """Write a map as `write_c_map` does, and beside it, in one piece, the header that reads it.
 
     Parameters
     ----------
     field
         The map.
     path
-        Of the map's file.
+        Path of the map's file.
 
     Returns
     -------
@@ -148,20 +147,21 @@ def write_c_files(field: FieldMap | MapAtCurrents, path: PathLike) -> tuple[Path
 
 
 def header_beside(path: Path, name: str, without: frozenset[str] = frozenset()) -> Path:
-    """Write a header of the C core in one piece beside a file. without: names of headers that it goes on including."""
+    """Write a header of the C core in one piece beside a file. without: headers that it still includes."""
     return write_whole(path.with_name(name), in_one(name, without=without), "C header")
 
 
 def c_iron_header() -> Path:
-    """The header for C programs, as it lies in the package; it needs `fieldmap.interop.c_header()` beside it."""
+    """Path of the header for C programs in the package; it includes `fieldmap.interop.c_header()`."""
     return FOLDER / "fieldmap_iron.h"
 
 
 def write_c_iron_map(field: FieldMap, path: PathLike) -> Path:
     """Write an opened map of saturating iron for C programs that set its currents.
 
-    The rules for points and currents outside go with it: clamp or NaN, NaN or "evaluate". So does the memory of
-    iron with hysteresis, with which the program begins; its steps and those of `FieldMap.step` have one tolerance.
+    The file keeps the rules for points outside (clamp or NaN) and currents outside (NaN or "evaluate"). It also keeps
+    the memory of iron with hysteresis, with which the program begins. Steps in C have the tolerance of
+    `FieldMap.step`.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def write_c_iron_map(field: FieldMap, path: PathLike) -> Path:
     Raises
     ------
     InputError
-        For a map whose fields superpose, which `write_c_map` writes, and for a Hermite form.
+        For a map whose fields superpose (use `write_c_map`), and for a Hermite form.
 
     Examples
     --------
@@ -203,14 +203,14 @@ def write_c_iron_map(field: FieldMap, path: PathLike) -> Path:
 
 
 def write_c_iron_files(field: FieldMap, path: PathLike) -> tuple[Path, Path, Path]:
-    """`write_c_iron_map`, and the two headers that read the map beside it.
+    """Write a map as `write_c_iron_map` does, and the two headers that read it, into the same folder.
 
     Parameters
     ----------
     field
         The map.
     path
-        Of the map's file.
+        Path of the map's file.
 
     Returns
     -------
@@ -229,18 +229,17 @@ def write_c_iron_files(field: FieldMap, path: PathLike) -> tuple[Path, Path, Pat
 
 
 def write_c32_files(field: FieldMap | MapAtCurrents, path: PathLike) -> tuple[Path, Path]:
-    """Write a map as a C header of constants in single precision, and fieldmap32.h, which evaluates it,
-    beside it.
+    """Write a map as a C header of constants in single precision, with fieldmap32.h, which evaluates it.
 
-    For microcontrollers: no file, no memory taken, no library. The constant has the name of the file. As
-    `write_c_map` otherwise.
+    For microcontrollers: no file, no allocation, no library. The constant has the name of the file. Otherwise as
+    `write_c_map`.
 
     Parameters
     ----------
     field
         The map.
     path
-        Of the header.
+        Path of the header.
 
     Returns
     -------
@@ -289,7 +288,7 @@ def _constants(
         linked = f"{len(names)}, {name}_inductance, {name}_constant_linkages"
     cells = ", ".join(str(int(n)) for n in block[map_block.CELLS : map_block.CELLS + 3])
     coils = "".join(f" *   {k}: {_in_comment(coil)}\n" for k, coil in enumerate(names))
-    # A header of before would take the set that no current drives for that of a coil.
+    # An older fieldmap32.h would use the set that no current drives as the set of a coil.
     needed = """#ifndef FM32_CONSTANT_FIELD
 #error "this map needs the fieldmap32.h that was written beside it"
 #endif
@@ -327,13 +326,14 @@ def _in_comment(text: str) -> str:
 
 
 def c_identifier(text: str, prefix: str = "map") -> str:
-    """The text without what C does not take in a name, with a prefix where it does not begin with a letter."""
+    """The text as a C identifier: invalid characters become "_"; a prefix is added if it does not begin with a
+    letter."""
     plain = "".join(c if c.isascii() and c.isalnum() else "_" for c in text)
     return plain if plain[:1].isalpha() else f"{prefix}_{plain}"
 
 
 def check_harmonic(block: NDArray[np.float64], where: str) -> None:
-    """Raise InputError at `where` unless the block holds harmonic polynomials, which other programs evaluate."""
+    """Raise InputError at `where` unless the block holds harmonic polynomials, which other programs require."""
     kind = int(block[map_block.KIND])
     if not any(each.kind == kind and each.in_c for each in INTERPOLANTS.values()):
         readable = " or ".join(f'kind="{each.name}"' for each in INTERPOLANTS.values() if each.in_c)
@@ -348,7 +348,7 @@ def map_bytes(
     reaction: MapReaction | None = None,
     linkage: StoredLinkage | None = None,
 ) -> bytes:
-    """The file of a block whose sets have these names; constant: whether one more has the weight 1 at any currents;
+    """The file of a block. names: of its sets; constant: whether one more set has the weight 1 at any currents;
     reaction: of the iron to magnets; linkage: of the coils."""
     block = block.copy()
     block[_CONSTANT] = float(constant)

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 
 def write_c_curve(curve: CalibrationCurve, path: PathLike) -> tuple[Path, Path]:
-    """Write a calibration curve as a C header of constants, and calibration_curve.h, which evaluates it, beside it.
+    """Write a calibration curve as a C header of constants, with calibration_curve.h, which evaluates it.
 
-    The constant has the name of the file. It is in double precision, or in float where the program is compiled with
+    The constant has the name of the file. It is double, or float if the program is compiled with
     -DFIELDMAP_REAL=float. Neither header calls a library.
 
     Parameters
@@ -30,7 +30,7 @@ def write_c_curve(curve: CalibrationCurve, path: PathLike) -> tuple[Path, Path]:
     curve
         The curve.
     path
-        Of the header.
+        Path of the header.
 
     Returns
     -------
@@ -64,17 +64,17 @@ def write_c_curve(curve: CalibrationCurve, path: PathLike) -> tuple[Path, Path]:
 def write_c_controller(
     controller: ControllerBlock | ScheduledController, path: PathLike
 ) -> tuple[Path, Path]:
-    """Write a controller as a C header of constants, and controller.h, which runs it, beside it.
+    """Write a controller as a C header of constants, with controller.h, which runs it.
 
-    The constants NAME, a fieldmap_controller, and NAME_memory, with which it begins, have the name of the file. They
-    are in double precision, or in float where the program is compiled with -DFIELDMAP_REAL=float.
+    The constants are NAME, a fieldmap_controller, and NAME_memory, its initial memory, with the name of the file.
+    They are double, or float if the program is compiled with -DFIELDMAP_REAL=float.
 
     Parameters
     ----------
     controller
-        A block, such as of `pid_block` or `lqg_block`, or several that are scheduled.
+        A block, for example from `pid_block` or `lqg_block`, or scheduled blocks.
     path
-        Of the header.
+        Path of the header.
 
     Returns
     -------
@@ -110,7 +110,7 @@ def write_c_controller(
 
 
 def write_c_sensors(field_map: FieldMap, path: PathLike) -> tuple[Path, ...]:
-    """Write the field sensors of a map as a C header of constants, and the iron's answers to them as a map for C.
+    """Write the field sensors of a map as a C header of constants, and the iron's reaction to them as a map for C.
 
     A program reads them by field_sensors.h of the C core (docs/c.md). The constants have the name of the file.
 
@@ -119,12 +119,12 @@ def write_c_sensors(field_map: FieldMap, path: PathLike) -> tuple[Path, ...]:
     field_map
         A harmonic map with field sensors.
     path
-        Of the header; the map of the answers has the same name and ends with .fmap.
+        Path of the header; the map of the reaction has the same name with the suffix .fmap.
 
     Returns
     -------
     tuple[Path, ...]
-        Paths of the header, and of the map where the device has iron.
+        Paths of the header, and of the map if the device has iron.
 
     Raises
     ------
@@ -170,7 +170,7 @@ def _row(values: Array) -> str:
 
 
 def _number(value: float) -> str:
-    """A constant that reads back to the same bits in double precision, and rounds to float where that is wanted."""
+    """A constant that reads back to the same bits in double precision, and is rounded in float."""
     if np.isinf(value):
         return "FM(INFINITY)" if value > 0.0 else "FM(-INFINITY)"
     return f"FM({np.format_float_scientific(value, unique=True, trim='0')})"

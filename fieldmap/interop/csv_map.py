@@ -1,9 +1,9 @@
-"""A field as a table: CSV with units in its header, that spreadsheets and `fieldmap.interop.read_measurements` read.
+"""A field as a CSV table with units in its header, for spreadsheets and `fieldmap.interop.read_measurements`.
 
     # frame: right-handed, z up, lengths in m; gradient dBi_dxj is dB_i/dx_j
     x_m,y_m,z_m,I_left_A,I_right_A,Bx_T,By_T,Bz_T,dBx_dx_T_per_m,...,dBz_dz_T_per_m
 
-Lines that begin with # are remarks. Numbers are written so that they read back the same, to the last bit.
+Lines that begin with # are remarks. Numbers read back to the same bits.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from fieldmap.store.whole_files import write_whole
 from fieldmap.typing import Array, PathLike
 
 FIXED = "fixed"
-"""Name of the one coil of a map that was written at fixed currents: its 1 A stands for all of them."""
+"""Name of the only coil of a table at fixed currents; its current of 1 A stands for these currents."""
 
 _AXES = "xyz"
 
@@ -34,23 +34,23 @@ def write_csv(
 ) -> Path:
     """Write a field as a table: coil by coil, or at fixed currents.
 
-    Coil by coil there is a row for every node and coil, with the map's reference current (1 A without a map)
-    in that coil and none in the others; where something else makes a field, it is in all of these rows, and
-    rows without any current hold it alone. At fixed currents there is a row for every node, and its
-    `I_fixed_A` = 1 stands for the currents that a remark lists. The file appears complete or not at all.
+    Coil by coil there is a row for every node and coil, with the map's reference current (1 A for other fields) in
+    that coil and no other currents. A field that no current drives is in all of these rows, and rows without currents
+    have it alone. At fixed currents there is a row for every node, and its `I_fixed_A` = 1 stands for the currents in
+    a remark. The file appears complete or not at all.
 
     Parameters
     ----------
     field
-        An opened map, on its nodes, or any field with a box.
+        An opened map, written on its nodes, or any field with a box.
     path
         Path of the file.
     currents
-        (n_coils,), A; coil by coil unless given.
+        Currents (n_coils,), A; by default coil by coil.
     spacing
-        How far apart nodes lie at most, m, which a field without nodes of its own needs.
+        Largest distance of nodes, m; required for a field without nodes of its own.
     device
-        Its name, where the field is no map that records it.
+        Name of the device, for a field that does not record it.
 
     Returns
     -------
@@ -60,7 +60,7 @@ def write_csv(
     Raises
     ------
     InputError
-        For currents that do not fit, and for saturating iron without any.
+        For invalid currents, and for saturating iron without currents.
 
     Examples
     --------
@@ -84,7 +84,7 @@ def write_csv(
 
 
 def _coil_by_coil(samples: Samples) -> Iterator[tuple[Array, Array, Array]]:
-    """Currents (n_coils,), B (n, 3) and its gradient (n, 3, 3) of every coil alone, at its reference current."""
+    """Currents (n_coils,), B (n, 3) and gradient (n, 3, 3) of every coil alone at its reference current."""
     coils = np.eye(len(samples.coil_names))
     for k, ampere in enumerate(samples.reference):
         flux, slope = ampere * samples.flux_density[:, k], ampere * samples.gradient[:, k]

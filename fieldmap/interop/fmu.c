@@ -1,14 +1,14 @@
-/* A map, and a rigid body with a magnet in it, as an FMU: FMI 2.0 or 3.0, model exchange and co-simulation.
+/* A map, optionally with a rigid body and its magnet, as an FMU: FMI 2.0 or 3.0, model exchange and co-simulation.
  *
- * Coils with drives are those of the simulator (machine.h), in co-simulation alone: currents are states, and inputs are what
- * the drives are asked for. Without a body inside the magnet moves evenly in a step.
+ * Coils with drives use the simulator (machine.h), in co-simulation only: currents are states, and inputs are the demands of
+ * the drives. Without a body the magnet moves with constant velocities in a step.
  *
- * Saturating iron is solved at the currents. What iron with hysteresis remembers changes at the steps alone: each goes
- * straight to the currents that are set. In model exchange a step is one that the importer has completed.
+ * Saturating iron is solved at the currents. The memory of iron with hysteresis changes only at steps: each step goes straight
+ * to the currents that are set. In model exchange a step is one that the importer has completed.
  *
- * fmu_model.h, which fieldmap.interop.fmu writes, says which; FMU_VERSION is 2 or 3. The declarations are our own, after
- * the standards (fmi-standard.org); nothing of their headers is in this file. Value references are positions in
- * `values`. docs/other_programs.md says what the variables mean. BSD-3-Clause, the fieldmap developers.
+ * fmu_model.h, which fieldmap.interop.fmu writes, selects the variant; FMU_VERSION is 2 or 3. The declarations are our own,
+ * after the standards (fmi-standard.org); this file contains nothing of their headers. Value references are indices of
+ * `values`. docs/other_programs.md explains the variables. BSD-3-Clause, the fieldmap developers.
  */
 #include <stdbool.h>
 
@@ -41,9 +41,9 @@ typedef struct model {
 #if FMU_IRON
     fieldmap_iron map;
     fieldmap_iron_state state;
-    void *memory;       /* of the state */
-    double *remembered; /* after the last step; the importer may ask at other currents in between */
-    int solved;         /* the state's solution belongs to what is remembered */
+    void *memory;       /* memory of `state` */
+    double *remembered; /* memory of the iron after the last step; the importer may set other currents between steps */
+    int solved;         /* whether the solution of the state starts from `remembered` */
 #else
     fieldmap map;
 #endif
@@ -52,11 +52,11 @@ typedef struct model {
     fieldmap_electrical coils;
     fieldmap_dipole magnet[FMU_DIPOLES];
 #endif
-    double *run, *room; /* numbers of the coils and weights of the fields; room for voltages */
+    double *run, *room; /* run: numbers of the coils, weights of the fields; room: for induced voltages */
     size_t run_size;
-    int running; /* the coils go on from their last step, and not from the currents and the pose that are set */
+    int running; /* whether the coils continue from their last step, not from the set currents and pose */
     double values[VALUES + 1];
-    int stale; /* outputs and derivatives do not belong to the inputs */
+    int stale; /* whether outputs and derivatives are out of date */
     int status;
     void *environment;
     void (*say)(const struct model *, int status, const char *text);
@@ -64,7 +64,7 @@ typedef struct model {
     char name[64];
 } model;
 
-static const double dipoles[FMU_DIPOLES][6] = FMU_MAGNET; /* place from the body's centre, moment; frame of the body */
+static const double dipoles[FMU_DIPOLES][6] = FMU_MAGNET; /* position from the body's centre, moment; frame of the body */
 static const double seat[3] = FMU_SEAT;                   /* the magnet's centre */
 static const double starts[VALUES] = FMU_STARTS;
 
@@ -76,7 +76,7 @@ static int coils(const model *m) { return m->map.n_coils; }
 static void *aligned(const model *m) { return (void *)(((uintptr_t)m->memory + 63) / 64 * 64); }
 
 #if FMU_DRIVEN
-/* Steps of coils begin at all that the last solve has left, and not alone at what iron remembers. */
+/* Steps of the coils start from the complete solver state, not only from the memory of the iron. */
 enum { SCALARS = 4 };
 static size_t remembered(const model *m) { return SCALARS + fieldmap_iron_memory(&m->map) / sizeof(double); }
 static void keep_iron(model *m)
@@ -105,7 +105,7 @@ static size_t remembered(const model *m)
 
 static const double *weights(const model *m) { return m->state.solution; }
 
-/* The iron goes straight from the last step to the currents. It remembers this if it is a step. */
+/* Solve the iron on a straight path from the last step to the currents. step: whether the iron remembers the path. */
 static int follow(model *m, int step)
 {
     const double *currents = m->values + CURRENTS;
@@ -122,7 +122,7 @@ static int follow(model *m, int step)
 }
 #endif
 
-/* The memory that the file has. */
+/* Set the initial memory of the file. */
 static void begin(model *m)
 {
     const size_t size = fieldmap_iron_memory(&m->map);
@@ -182,7 +182,7 @@ static void recall(model *m, const double *in) { (void)m, (void)in; }
 static const double *weights(const model *m) { return m->machine.weights; }
 #endif
 
-/* The body of a model in the field of its currents, with the magnets at their strength in `magnet`. */
+/* Fill the body of a model in the field of its currents; `magnet` gets the dipoles times the strength. */
 static void body_of(const model *m, fieldmap_dipole *magnet, fieldmap_rigid_body *body, fieldmap_path *field)
 {
     const double *v = m->values;
@@ -201,7 +201,7 @@ static void body_of(const model *m, fieldmap_dipole *magnet, fieldmap_rigid_body
     field->map = fields(m), field->weights = weights(m);
 }
 
-/* The state with a quaternion of length 1; the length that it had. */
+/* Fill the state with a unit quaternion. Returns the length of the quaternion before. */
 static double state_of(const model *m, fieldmap_state *state)
 {
     double length = 0.0;
@@ -217,14 +217,14 @@ static double state_of(const model *m, fieldmap_state *state)
 
 static const fieldmap_coil drives[FMU_COILS] = FMU_DRIVES;
 
-/* The machine at the values that are set. */
+/* The machine at the set values. */
 static fieldmap_machine *machine_of(model *m)
 {
     fieldmap_machine *machine = &m->machine;
     int i;
     body_of(m, m->magnet, &machine->body, &machine->field);
     if (!FMU_BODY) {
-        /* Nothing changes the motion of a body of this mass. */
+        /* Forces do not change the motion of a body with this mass. */
         machine->body.mass = 1e30, machine->body.gravity[2] = 0.0;
         for (i = 0; i < 3; i++) machine->body.inertia[i] = 1e30;
     }
@@ -239,7 +239,7 @@ static fieldmap_caller caller_of(model *m)
     return of;
 }
 
-/* What a machine needs beside the values that are set. */
+/* Set up coils and memory of the machine, which do not depend on the set values. */
 static int give_drives(model *m)
 {
     fieldmap_electrical *coils = &m->coils;
@@ -265,7 +265,7 @@ static int give_drives(model *m)
     return FIELDMAP_OK;
 }
 
-/* A status, or that currents lie beyond the domain of iron that refuses these. */
+/* The status, or FIELDMAP_IRON_BEYOND if the iron refuses currents outside its domain. */
 static int within_domain(const model *m, int status, int within)
 {
 #if FMU_IRON
@@ -275,7 +275,7 @@ static int within_domain(const model *m, int status, int within)
     return status;
 }
 
-/* Unless the coils run, their linkages become those of the currents and the pose that are set. */
+/* Unless the coils are running, start them with the linkages of the set currents and pose. */
 static int follow(model *m, int step)
 {
     fieldmap_machine *machine = machine_of(m);
@@ -296,7 +296,7 @@ static int follow(model *m, int step)
     return within_domain(m, status, machine->superposition.outside == outside);
 }
 
-/* Linkages, and voltages that the motion induces: d(force)/d(current) along it. Asking leaves no trace in the iron. */
+/* Fill linkages, and the induced voltages of the motion: d(force)/d(current) along it. The iron's memory does not change. */
 static int linkages_and_voltages(model *m, const fieldmap_state *state, const double *r)
 {
     double twist[6], *v = m->values, *slopes = m->room + 6;
@@ -312,7 +312,7 @@ static int linkages_and_voltages(model *m, const fieldmap_state *state, const do
     return status;
 }
 
-/* Steps of the machine; the status of the map. */
+/* Run steps of the machine. Returns the status of the map. */
 static int run(model *m, double h, long steps)
 {
     double *v = m->values, load[6];
@@ -342,7 +342,7 @@ static int run(model *m, double h, long steps)
 
 #endif
 
-/* Field at the magnet's centre, force and torque about the body's, and the derivatives of the state. */
+/* Fill field at the magnet's centre, force and torque about the body's centre, and derivatives of the state. */
 static int outputs(model *m)
 {
     fieldmap_dipole magnet[FMU_DIPOLES];
@@ -365,13 +365,13 @@ static int outputs(model *m)
 #endif
     if (status != FIELDMAP_OK || !FMU_BODY) return status;
     status = fieldmap_rates(&field, &body, &state, &rates);
-    /* That of a quaternion of any length is in proportion to it. */
+    /* The derivative of a quaternion is proportional to its length. */
     for (i = 0; i < 4; i++) rates.turn[i] *= length;
     memcpy(v + DERIVATIVES, &rates, sizeof rates);
     return status;
 }
 
-/* Outputs and derivatives, where the inputs have changed. */
+/* Update outputs and derivatives if the inputs have changed. */
 static int refresh(model *m)
 {
     double *v = m->values;
@@ -388,7 +388,7 @@ static int refresh(model *m)
     return m->status = status == FIELDMAP_OK ? OK : DISCARD;
 }
 
-/* The iron remembers the currents. */
+/* Let the iron remember the currents. */
 static int remember(model *m)
 {
     const int status = follow(m, 1);
@@ -399,7 +399,7 @@ static int remember(model *m)
 }
 
 #if !FMU_DRIVEN
-/* A step of the iron to the inputs, which do not change meanwhile; then steps of the body of fourth order; the status of the
+/* Run a step of the iron to the inputs, then steps of fourth order of the body at constant inputs. Returns the status of the
  * map. */
 static int run(model *m, double h, long steps)
 {
@@ -424,7 +424,7 @@ static int run(model *m, double h, long steps)
 }
 #endif
 
-/* Steps of equal length, no longer than values[STEP]. */
+/* Advance by equal steps of at most values[STEP]. */
 static int advance(model *m, double duration)
 {
     long steps;
@@ -432,7 +432,7 @@ static int advance(model *m, double duration)
     if (!(duration >= 0.0)) return ERROR;
     if (!FMU_BODY && !FMU_DRIVEN) return remember(m); /* outputs follow inputs at once */
     if (!(m->values[STEP] > 0.0)) return ERROR;
-    if (!(duration / m->values[STEP] <= MOST_STEPS)) return ERROR; /* of one call; NaN and infinity are more, too */
+    if (!(duration / m->values[STEP] <= MOST_STEPS)) return ERROR; /* limit for one call; also refuses NaN and infinity */
     steps = (long)ceil(duration / m->values[STEP] * (1.0 - 1e-9));
     status = run(m, steps > 0 ? duration / (double)steps : 0.0, steps);
     m->stale = 1;
@@ -479,7 +479,7 @@ static int set(model *m, const unsigned *references, size_t count, const double 
     return OK;
 }
 
-/* The map lies in the folder of resources: a path, or in FMI 2 its URI. */
+/* Open the map in the folder of resources, given as a path or, in FMI 2, as a URI. */
 static int open_map(model *m, const char *folder)
 {
     static const char map_name[] = "map.fmap";
@@ -586,7 +586,7 @@ static int get_nominals(double *out, size_t count)
     return OK;
 }
 
-/* A copy of all values, of what the iron remembers and of the run of the coils, kept by the importer. */
+/* Copy all values, the memory of the iron and the run of the coils for the importer. */
 static int keep(const model *m, void **kept)
 {
     double *out;
@@ -824,7 +824,7 @@ NONE_OF(Int64, int64_t)
 NONE_OF(UInt64, uint64_t)
 NONE_OF(Boolean, bool)
 NONE_OF(String, char *)
-/* Nothing of this kind is in the model: nothing is read, and the answer is an error. */
+/* Functions for features that the model does not have: they ignore their arguments and return an error. */
 #define NOT_HERE(NAME) EXPORT int fmi3##NAME(void) { return ERROR; }
 NOT_HERE(GetBinary)
 NOT_HERE(SetBinary)

@@ -1,8 +1,7 @@
-"""A map as a functional mock-up unit (FMI 2.0 or 3.0), by itself or with a rigid body in its field.
+"""A map as a functional mock-up unit (FMI 2.0 or 3.0), alone or with a rigid body in its field.
 
-The unit is the C source fmu.c, which lies beside this module, and headers of the C core, compiled with a header of
-numbers, and the map's flat file as its resource: no Python at run time. Value references are positions in one array,
-see fmu.c.
+The unit consists of the C source fmu.c of this folder, headers of the C core and a header of numbers, compiled, and
+the map's flat file as a resource. It runs without Python. Value references are indices of one array, see fmu.c.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ from fieldmap.typing import Array, PathLike
 if TYPE_CHECKING:
     from fieldmap.dynamics import CoilDrive, RigidBody
 
-# Positions in the array of values; fmu.c has the same.
+# Indices in the array of values, the same as in fmu.c.
 _POSITION, _VELOCITY, _TURN, _ANGULAR, _DERIVATIVES, _PUSH, _TWIST = 1, 4, 7, 11, 14, 27, 30
 _STRENGTH, _MASS, _INERTIA, _GRAVITY, _STEP = 33, 34, 35, 38, 39
 _FIELD, _GRADIENT, _FORCE, _TORQUE, _CURRENTS = 40, 43, 52, 55, 58
@@ -47,7 +46,7 @@ _LARGEST_STEP = 5e-5
 _COMPILERS = ("cc", "gcc", "clang")
 _FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden")
 VERSIONS = {2: "2.0", 3: "3.0"}
-# Units of FMI by their exponents of SI base units.
+# Units of FMI as exponents of SI base units.
 _UNITS = {
     "m": {"m": 1},
     "s": {"s": 1},
@@ -69,7 +68,7 @@ _UNITS = {
 
 
 class _Variable(NamedTuple):
-    """A variable of the model; state: value reference of what it is the derivative of."""
+    """A variable of the model. state: for a derivative, the value reference of its state."""
 
     reference: int
     name: str
@@ -98,16 +97,15 @@ def write_fmu(
 ) -> Path:
     """Write a map as an FMU for co-simulation and model exchange, compiled for this machine.
 
-    Inputs are the coils' currents, A, none for a map at fixed currents, and the magnet's pose; outputs B and
-    gradient at its place, force and torque on it. With a body its motion is inside, and inputs are the
-    currents and a force and torque that disturb it. Only inertia, weight and the field act on the body: no
-    drag, no walls. Iron with hysteresis begins with the memory of the map, and remembers the currents of every
-    step.
+    Inputs are the coils' currents, A (none for a map at fixed currents), and the magnet's pose; outputs are B and its
+    gradient at the magnet, and force and torque on it. With a body the unit simulates its motion, and inputs are the
+    currents and a disturbing force and torque. Only inertia, weight and the field act on the body: no drag, no walls.
+    Iron with hysteresis begins with the memory of the map, and remembers the currents of every step.
 
     With a drive other than "ideal" the flux linkages of the map couple the coils with each other and with the magnet
-    (docs/theory/electrical.md). Inputs are then voltages, V, or the currents that a controller is asked for; currents,
-    linkages and the voltages that the magnet induces are outputs. A unit without a body takes velocities beside the
-    pose. Such a unit is for co-simulation alone.
+    (docs/theory/electrical.md). Inputs are then voltages, V, or the reference currents of a controller; outputs
+    include currents, linkages and induced voltages of the magnet. Without a body, inputs include velocities. Such a
+    unit is for co-simulation only.
 
     Parameters
     ----------
@@ -118,15 +116,14 @@ def write_fmu(
     magnet
         A moment (3,), A m^2, or dipoles, in the frame of the pose.
     body
-        A rigid body with its own magnet in the place of that.
+        A rigid body, whose magnet replaces `magnet`.
     drive
-        What drives the coils; a source of current unless given. Of the amplifier only limits of the current count:
-        inputs are what it puts on a coil.
+        Drive of the coils; by default a current source. Of the amplifier only the current limits are used.
     version
-        Of FMI, 2 or 3.
+        Version of FMI, 2 or 3.
     binary
-        Whether it is compiled for this machine; without, the unit holds its sources alone, for an importer
-        that compiles them, such as `python -m fmpy compile`.
+        Whether the unit is compiled for this machine. Otherwise it has only its sources, for an importer that
+        compiles them, such as `python -m fmpy compile`.
 
     Returns
     -------
@@ -139,7 +136,7 @@ def write_fmu(
         For a Hermite form and for soft iron; with a drive, for a map at fixed currents, without linkages or of
         another number of coils.
     FieldmapError
-        Where no C compiler is found (CC, cc, gcc or clang).
+        If no C compiler is found (CC, cc, gcc or clang).
 
     Examples
     --------
@@ -196,8 +193,7 @@ def _dipoles(magnet: MagneticBody | ArrayLike) -> MagneticBody:
 
 
 def _coils_of(field: FieldMap | MapAtCurrents, drive: CoilDrive) -> Array:
-    """Coils with their drives (n, 15), as the C core takes them. Raises InputError where they do not fit the map, and
-    for a map without linkages."""
+    """Coils with their drives (n, 15) for the C core. Raises InputError if the map has other coils or no linkages."""
     count = len(field.coil_names) if isinstance(field, FieldMap) else 0
     must_hold, remedy = "must have the coils of the map", "give resistances of these, and no fixed currents"
     good = isinstance(field, FieldMap) and drive.coils == count
@@ -207,7 +203,7 @@ def _coils_of(field: FieldMap | MapAtCurrents, drive: CoilDrive) -> Array:
 
 
 def _first_currents(field: FieldMap | MapAtCurrents) -> Array:
-    """Start values (c,) of the currents, A, which lie in the domain of saturating iron."""
+    """Initial currents (c,), A, in the domain of saturating iron."""
     if not isinstance(field, FieldMap):
         return np.zeros(0)
     first = field.last_currents if field.remembers else np.zeros(len(field.coil_names))
@@ -218,7 +214,7 @@ def _first_currents(field: FieldMap | MapAtCurrents) -> Array:
 def _variables(
     coils: Sequence[str], currents: Array, middle: Array, body: RigidBody | None, asked: str | None
 ) -> list[_Variable]:
-    """asked: what drives take, "voltage" or "reference"; None of sources of current."""
+    """The variables of the unit. asked: input of the drives, "voltage" or "reference"; None for current sources."""
     found: list[_Variable] = []
 
     def add(
@@ -253,7 +249,7 @@ def _variables(
         add(_PUSH, "push", "input", "N", "force that disturbs, frame of the map", zero)
         add(_TWIST, "twist", "input", "N.m", "torque that disturbs, frame of the map", zero)
         add(_MASS, "mass", "parameter", "kg", "of the body", body.mass, one)
-        # Of an upright body what the simulator takes for it.
+        # An upright body has the large inertia of the simulator.
         add(_INERTIA, "inertia", "parameter", "kg.m2", "principal moments", body.numbers().inertia)
         add(_GRAVITY, "gravity", "parameter", "m/s2", "downward", body.gravity, one)
     if body is not None and not asked:
@@ -280,7 +276,7 @@ def _numbers_header(
     body: RigidBody | None,
     variables: list[_Variable],
 ) -> str:
-    """fmu_model.h: what fmu.c is compiled with; @TOKEN@ stands for the token."""
+    """The text of fmu_model.h for fmu.c; @TOKEN@ stands for the token."""
     starts = np.zeros(1 + max(each.reference for each in variables))
     for each in variables:
         if each.start is not None:
@@ -302,7 +298,7 @@ def _numbers_header(
 
 
 def _drives_header(field: FieldMap | MapAtCurrents, rows: Array | None) -> str:
-    """More of fmu_model.h: the coils with their drives; largest current of the iron's domain, A."""
+    """Part of fmu_model.h: the coils with their drives; largest current of the iron's domain, A."""
     if rows is None:
         return "#define FMU_DRIVEN 0\n"
     reduced = field.info.reduced_model if isinstance(field, FieldMap) else None
@@ -317,7 +313,7 @@ def _braces(numbers: Array) -> str:
 
 
 def _compiled(folder: Path, identifier: str) -> Path:
-    """The library in this folder. Raises FieldmapError without a compiler, and where it fails."""
+    """Compile the library in a folder. Raises FieldmapError without a compiler, and if it fails."""
     named = os.environ.get("CC")
     compiler = shutil.which(named) if named else next(filter(None, map(shutil.which, _COMPILERS)), None)
     if compiler is None:
@@ -335,7 +331,7 @@ def _compiled(folder: Path, identifier: str) -> Path:
 
 
 def _folder(version: int) -> str:
-    """Where importers look for the library of this machine."""
+    """Folder in which importers look for the library of this machine."""
     if version == 2:
         return {"win32": "win64", "darwin": "darwin64"}.get(sys.platform, "linux64")
     machine = platform.machine().lower()
@@ -347,13 +343,13 @@ def _zipped(files: dict[str, bytes]) -> bytes:
     content = io.BytesIO()
     with ZipFile(content, "w", ZIP_DEFLATED) as archive:
         for name, of_file in files.items():
-            # Equal units have equal bytes: no time of day.
+            # The time is constant, so that equal units have equal bytes.
             archive.writestr(ZipInfo(name, (1980, 1, 1, 0, 0, 0)), of_file, ZIP_DEFLATED)
     return content.getvalue()
 
 
 def _element(name: str, /, *inside: Element, **attributes: str | None) -> Element:
-    """An element of XML; attributes that are None are left out."""
+    """An XML element; attributes that are None are left out."""
     made = Element(name, {key: value for key, value in attributes.items() if value is not None})
     made.extend(inside)
     return made
@@ -383,7 +379,7 @@ def _description(
     about = {"guid" if version == 2 else "instantiationToken": token}
     if version == 2:
         about |= {"variableNamingConvention": "structured", "numberOfEventIndicators": "0"}
-    # How one names another: FMI 2 counts the variables from 1, FMI 3 takes value references.
+    # References between variables: FMI 2 uses their index from 1, FMI 3 value references.
     numbers = {
         each.reference: str(each.reference if version == 3 else n) for n, each in enumerate(variables, 1)
     }

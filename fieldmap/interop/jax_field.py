@@ -1,7 +1,7 @@
 """Maps for JAX: pure functions of points and currents under jit, vmap and grad (pip install "fieldmap[jax]").
 
-They are a second form of what the C core computes, which tests hold them to: `cell_field_and_gradient` for one
-polynomial per cell, a recurrence for one polynomial of the whole box.
+They compute the same as the C core, which tests check: `cell_field_and_gradient` for one polynomial per cell, and a
+recurrence for one polynomial of the whole box.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from fieldmap.typing import Array
 
 DEGREE = 5
 SIZE = (DEGREE + 1) ** 2
-# Points of one piece of a large batch: what is computed of them stays in the processor's cache.
+# Number of points in a piece of a large batch, so few that intermediate results stay in the processor's cache.
 PIECE = 1024
-# Steps of Newton's method, and the shares of one that are tried.
+# Largest number of Newton steps, and the shares of a step that the line search tries.
 _STEPS = 60
 _SHARES = (1.0, 0.6, 0.35, 0.2, 0.1, 0.03, 0.01)
 
@@ -39,13 +39,13 @@ _SHARES = (1.0, 0.6, 0.35, 0.2, 0.1, 0.03, 0.01)
 def jax_field(field: FieldMap | MapAtCurrents) -> JaxField:
     """The field of an opened map as pure functions for JAX.
 
-    Computes in double precision where `jax_enable_x64` is set, else in single.
+    The functions compute in double precision if `jax_enable_x64` is set, else in single precision.
 
     Parameters
     ----------
     field
-        A map opened with kind="harmonic" or "global", or one at fixed currents, `m.at(currents)`, whose
-        functions are called without currents.
+        A map opened with kind="harmonic" or "global", or a map at fixed currents, `m.at(currents)`. The functions of
+        the latter take no currents.
 
     Returns
     -------
@@ -55,9 +55,9 @@ def jax_field(field: FieldMap | MapAtCurrents) -> JaxField:
     Raises
     ------
     FieldmapError
-        Where JAX is not installed.
+        If JAX is not installed.
     InputError
-        For another interpolant, and for a map of iron with hysteresis.
+        For other interpolants, and for a map of iron with hysteresis.
 
     Examples
     --------
@@ -81,18 +81,18 @@ def jax_field(field: FieldMap | MapAtCurrents) -> JaxField:
 
 
 def _with_constant(jax: ModuleType) -> Callable[[Any], Any]:
-    """Weights (coils + 1,) of currents (coils,): that of the field that no current drives is 1."""
+    """Weights (coils + 1,) from currents (coils,); the weight of the field that no current drives is 1."""
     jnp = jax.numpy
     return lambda currents: jnp.concatenate([currents, jnp.ones(1, currents.dtype)])
 
 
 class JaxField:
-    """Field of a map, its derivatives, and the wrench on dipoles; made by `jax_field`. Called it is `field`.
+    """Field of a map, its derivatives, and the wrench on dipoles, from `jax_field`. A call evaluates `field`.
 
     Points (..., 3), m; currents (n_coils,) for all points, or (..., n_coils) with the leading axes of the points, A.
-    Results have the leading axes of the points. NaN outside the box and for what is not finite, or, of a map opened
-    with outside="clamp", the field at the nearest point, which does not change with the distance from the box. Nothing
-    is raised: compiled code cannot. Of saturating iron the reduced model is solved inside; its domain is not checked.
+    Results have the leading axes of the points. They are NaN for arguments that are not finite and outside the box. A
+    map opened with outside="clamp" has the field of the nearest point of the box outside. No errors are raised,
+    because compiled code cannot raise them. Saturating iron is solved in every call, without a check of its domain.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ class JaxField:
         points
             Positions (..., 3), m.
         currents
-            (n_coils,), A; none for a field at fixed currents.
+            Currents (n_coils,), A; None for a field at fixed currents.
 
         Returns
         -------
@@ -140,7 +140,7 @@ class JaxField:
         Returns
         -------
         Any
-            (..., 3, 3), [..., i, j] = dB_i/dx_j, T/m.
+            Gradient (..., 3, 3), [..., i, j] = dB_i/dx_j, T/m.
         """
         return self.field_and_gradient(points, currents)[1]
 
@@ -175,19 +175,19 @@ class JaxField:
         Returns
         -------
         Any
-            (..., 3, 3, 3), [..., i, j, k] = d2B_i/dx_j dx_k, T/m^2.
+            Second derivatives (..., 3, 3, 3), [..., i, j, k] = d2B_i/dx_j dx_k, T/m^2.
         """
         return self._in_pieces(self._polynomials.second_gradient, points, currents)
 
     def wrench(self, positions: Any, moments: Any, currents: Any = None) -> Any:
-        """Force and torque on point dipoles, each alone in the reaction of the iron to it, if the map holds that.
+        """Force and torque on point dipoles, each with the reaction of the iron to it, if the map has one.
 
         Parameters
         ----------
         positions
-            Of the dipoles (..., 3), m.
+            Positions of the dipoles (..., 3), m.
         moments
-            (3,) or (..., 3), A m^2.
+            Moments (3,) or (..., 3), A m^2.
         currents
             As for `field`.
 
@@ -235,11 +235,11 @@ class JaxField:
         return jnp.vectorize(self._weights_of, signature="(c)->(w)")(given)
 
     def _in_pieces(self, evaluate: Callable[..., Any], points: Any, currents: Any) -> Any:
-        """evaluate(coefficients, points, weights), of many points piece by piece."""
+        """Call evaluate(coefficients, points, weights), piece by piece for many points."""
         jnp, sets = self._jnp, self._polynomials.coefficients()
         where, weights = jnp.asarray(points, jnp.result_type(float)), self._weights(currents)
         if weights.ndim == 1 and prod(where.shape[:-1]) > len(sets) // 4:
-            # Many points at the same currents: the coils are summed first.
+            # For many points at the same currents the coils are summed first.
             sets, weights = jnp.einsum("s,psk->pk", weights, sets)[:, None], jnp.ones(1, sets.dtype)
         if where.ndim != 2 or len(where) <= 2 * PIECE:
             return evaluate(sets, where, weights)
@@ -251,7 +251,7 @@ class JaxField:
 def cell_field_and_gradient(c: Any, x: Any, y: Any, z: Any) -> tuple[Any, ...]:
     """Bx, By, Bz, Gxx, Gxy, Gxz, Gyy, Gyz, Gzz: first and second derivatives of the polynomial c (36,), written out.
 
-    It only adds and multiplies, so it takes arrays of any kind: those that JAX traces, and those of numpy.
+    It only adds and multiplies, so it works with arrays of JAX and of numpy.
 
     The five independent second derivatives of the polynomial are harmonic polynomials of degree 3 (16 terms each);
     their coefficients are differences of neighbours on the ladder of harmonics. The field follows from them by Euler's
@@ -361,10 +361,10 @@ class _Polynomials:
         self._converted: dict[str, Any] = {}
 
     def coefficients(self) -> Any:
-        """(places, sets, size), in the precision that is set."""
+        """Coefficients (places, sets, size) in the precision of JAX."""
         kind = self._jnp.result_type(float)
         if kind.name not in self._converted:
-            # A constant of its own: not one of the function that is traced just now.
+            # The constant must not belong to the function that is being traced.
             with self._jax.ensure_compile_time_eval():
                 self._converted[kind.name] = self._jnp.asarray(self._sets, kind)
         return self._converted[kind.name]
@@ -380,14 +380,14 @@ class _Polynomials:
         else:
             bx, by, bz = jnp.moveaxis(self._derivatives(c, local, 1), -1, 0)
             xx, xy, xz, yy, yz, zz = jnp.moveaxis(self._derivatives(c, local, 2), -1, 0)
-        # Times NaN, not instead of it: derivatives are NaN there as well.
+        # Multiplication by NaN makes the derivatives NaN, too.
         outside = jnp.where(good, 1.0, jnp.nan)[..., None]
         flux = jnp.stack([bx, by, bz], axis=-1) * outside
         slope = jnp.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=-1) * (self._per_length * outside)
         return flux, slope.reshape(*slope.shape[:-1], 3, 3)
 
     def second_gradient(self, sets: Any, points: Any, weights: Any) -> Any:
-        """(..., 3, 3, 3)."""
+        """Second gradient (..., 3, 3, 3)."""
         good, cell, local = self._locate(points)
         third = self._derivatives(self._superposed(sets, cell, weights), local, 3)
         order = {axes: k for k, axes in enumerate(_axes(3))}
@@ -397,20 +397,20 @@ class _Polynomials:
         return second.reshape(*second.shape[:-1], 3, 3, 3)
 
     def potential(self, sets: Any, points: Any, weights: Any) -> Any:
-        """(...,): U with B = -grad U, T m."""
+        """Potential U (...,), T m, where B = -grad U."""
         good, cell, local = self._locate(points)
         value = self._derivatives(self._superposed(sets, cell, weights), local, 0)[..., 0]
         return value * self._jnp.where(good, -self.length, self._jnp.nan)
 
     def _superposed(self, sets: Any, cell: Any, weights: Any) -> Any:
         """Coefficients (..., size)."""
-        # Of a single place not a copy for every point.
+        # A single place is not copied for every point.
         return self._jnp.einsum("...s,...sk->...k", weights, sets[0] if len(sets) == 1 else sets[cell])
 
     def _locate(self, points: Any) -> tuple[Any, Any, Any]:
-        """Whether there is a result, number of the cell, and the place in it in LENGTHs from its middle."""
+        """Whether there is a result, number of the cell, and position from its middle in units of LENGTH."""
         jnp, cells = self._jnp, self._cells
-        # The rounding of upper = lower + n spacing, in the precision that is set.
+        # Rounding of upper = lower + n spacing in the precision of JAX.
         edge = max(map_block.EDGE, 8.0 * float(jnp.finfo(points.dtype).eps) * float(cells.max()))
         u = (points - self._lower) * self._inverse
         good = jnp.isfinite(points).all(-1)
@@ -425,7 +425,7 @@ class _Polynomials:
         return good, cell, (u - index - 0.5) * self._local
 
     def outside(self, points: Array) -> int:
-        """How many of points (n, 3) lie outside a box whose rule is not to clamp."""
+        """Number of points (n, 3) outside a box that does not clamp."""
         if self._clamps:
             return 0
         with np.errstate(invalid="ignore"):
@@ -434,14 +434,14 @@ class _Polynomials:
         return int((beyond & np.isfinite(points).all(axis=1)).sum())
 
     def _derivatives(self, c: Any, local: Any, order: int) -> Any:
-        """All different derivatives of an order (..., n), in the order of `_axes`."""
+        """All distinct derivatives of an order (..., n), in the order of `_axes`."""
         table = self._harmonics(self.degree - order, local)
         matrices = np.stack([_derivative(self.degree, axes) for axes in _axes(order)])
-        # c is the same at all points of most calls: it is multiplied first.
+        # Most calls have the same c at all points, so it is multiplied first.
         return self._jnp.einsum("...h,...nh->...n", table, self._jnp.einsum("nhk,...k->...nh", matrices, c))
 
     def _harmonics(self, degree: int, local: Any) -> Any:
-        """(..., (degree + 1)^2), docs/theory/lookup.md (3): each degree from the two below it."""
+        """Harmonics (..., (degree + 1)^2), each degree from the two below it: docs/theory/lookup.md (3)."""
         jnp, join = self._jnp, self._jnp.concatenate
         x, y, z = (local[..., axis, None] for axis in range(3))
         r2, sector = x * x + y * y + z * z, (jnp.ones_like(x), jnp.zeros_like(x))
@@ -456,19 +456,19 @@ class _Polynomials:
                 (0.5 / l) * (x * sector[0] - y * sector[1]),
                 (0.5 / l) * (x * sector[1] + y * sector[0]),
             )
-            # Without the barrier the compiler computes each degree anew wherever it is used.
+            # Without the barrier the compiler would compute each degree again at every use.
             rows.append(self._jax.lax.optimization_barrier(join([inner, *sector], axis=-1)))
         return join(rows[1:], axis=-1)
 
 
 def _axes(order: int) -> list[tuple[int, ...]]:
-    """Axes of all different derivatives: xx, xy, xz, yy, yz, zz for order 2."""
+    """Axes of all distinct derivatives: xx, xy, xz, yy, yz, zz for order 2."""
     return list(combinations_with_replacement(range(3), order))
 
 
 @cache
 def _derivative(degree: int, axes: tuple[int, ...]) -> Array:
-    """Matrix that takes coefficients of a polynomial of this degree to those of a derivative."""
+    """Matrix from coefficients of a polynomial of this degree to coefficients of a derivative."""
     matrix = np.eye((degree + 1) ** 2)
     for n, axis in enumerate(axes):
         matrix = derivative_matrix(degree - n, axis) @ matrix
@@ -476,10 +476,10 @@ def _derivative(degree: int, axes: tuple[int, ...]) -> Array:
 
 
 class _ReducedIron:
-    """The model of a map of saturating iron (`fieldmap.store.ReducedModel`): weights of its fields at currents.
+    """The model of a map of saturating iron (`fieldmap.store.ReducedModel`): weights of its fields from currents.
 
-    The equations are those of docs/theory/current_dependence.md, solved by Newton's method to rounding; the derivatives
-    by the currents follow from the implicit function theorem.
+    Newton's method solves the equations of docs/theory/current_dependence.md to rounding. The implicit function
+    theorem gives the derivatives with respect to the currents.
     """
 
     def __init__(self, jax: ModuleType, model: ReducedModel) -> None:
@@ -487,7 +487,8 @@ class _ReducedIron:
         self._range = np.maximum(np.ptp(model.known_currents, axis=0), 1e-12)
 
     def weights(self, currents: Any) -> Any:
-        """(coils + fields,): the currents (coils,), then those of the iron's fields, then 1 for a background if any."""
+        """Weights (coils + fields,): the currents (coils,), those of the iron's fields, and 1 for a background, if
+        any."""
         lax, jnp, model = self._jax.lax, self._jnp, self._model
         distances = (((currents - model.known_currents) / self._range) ** 2).sum(axis=1)
         nearest = lax.stop_gradient(jnp.asarray(model.known_amplitudes, currents.dtype)[distances.argmin()])
@@ -506,10 +507,10 @@ class _ReducedIron:
         return jnp.concatenate([currents, model.output @ amplitudes, constant])
 
     def _residual(self, a: Any, source: Any) -> tuple[Any, Any, Any, Any]:
-        """R (r,); w m (p,), w (db/dh - b/h) / h^2 (p,) and h (p, 3), of which the tangent is made."""
+        """Residual R (r,); for the tangent: w m (p,), w (db/dh - b/h) / h^2 (p,) and h (p, 3)."""
         jnp, model = self._jnp, self._model
         h = source - (model.gradients @ a).reshape(-1, 3)
-        # Never zero, where the root has no derivative.
+        # The size is never zero, because the root has no derivative there.
         size = jnp.sqrt((h * h).sum(axis=1) + 1e-28)
         b, slope = self._law(size)
         m = model.weights * (b / size - 1.0)
@@ -518,13 +519,13 @@ class _ReducedIron:
         return residual, m, along, h
 
     def _law(self, size: Any) -> tuple[Any, Any]:
-        """b and db/dh (p,)."""
+        """Flux density b and db/dh (p,)."""
         jnp, model = self._jnp, self._model
         offset, knots, coefficients = model.laws
         b, slope = jnp.zeros_like(size), jnp.zeros_like(size)
         for k in range(len(offset) - 1):
             own, rows = knots[offset[k] : offset[k + 1]], coefficients[offset[k] : offset[k + 1]].copy()
-            # Beyond the last knot b goes on straight.
+            # Beyond the last knot b is linear.
             rows[-1, :2] = 0.0
             piece = jnp.searchsorted(own, size, side="right") - 1
             c, t = jnp.asarray(rows, size.dtype)[piece], size - jnp.asarray(own, size.dtype)[piece]
@@ -534,8 +535,7 @@ class _ReducedIron:
         return b, slope
 
     def _newton(self, start: Any, source: Any) -> Any:
-        """Amplitudes (r,) from `start`: Newton's method on a convex functional, whose slope along a step tells how much
-        of the step to take."""
+        """Amplitudes (r,) by Newton's method on a convex functional; the slope along a step sets its length."""
         lax, jnp, model = self._jax.lax, self._jnp, self._model
         gradients = jnp.asarray(model.gradients, start.dtype)
         shares, tolerance = jnp.asarray(_SHARES, start.dtype), float(jnp.finfo(start.dtype).eps) ** 0.5
@@ -562,11 +562,10 @@ class _ReducedIron:
 
 
 class JaxEvaluator:
-    """Evaluation of a map by JAX in double precision, in the place of the compiled kernels: a
-    `fieldmap.lookup.Evaluator`.
+    """Evaluation of a map by JAX in double precision instead of the C core: a `fieldmap.lookup.Evaluator`.
 
-    For `interpolate(data, evaluator=JaxEvaluator)`: an accelerator that JAX finds then answers the lookups. Numbers of
-    points are rounded up to a power of two, so that few shapes are compiled.
+    With `interpolate(data, evaluator=JaxEvaluator)` lookups run on an accelerator that JAX finds. Numbers of points
+    are rounded up to a power of two, so that few shapes are compiled.
     """
 
     def __init__(self, form: Form, weights: Array | None = None) -> None:
@@ -580,7 +579,7 @@ class JaxEvaluator:
         self._compiled["each_field"] = jax.jit(lambda sets, x: each(sets, x, np.eye(sets.shape[1])))
 
     def _ask(self, name: str, points: Array, weights: Array) -> tuple[list[Array], int]:
-        """Results and how many points lie outside."""
+        """Results, and the number of points outside."""
         with self._jax.enable_x64(True):
             n = len(points)
             size = 1 << max(n - 1, 0).bit_length()
@@ -608,7 +607,7 @@ class JaxEvaluator:
         Returns
         -------
         int
-            How many points lie outside the box.
+            Number of points outside the box.
         """
         (flux[:], whole), outside = self._ask("field_and_gradient", points, weights)
         if slope.size:
@@ -626,7 +625,7 @@ class JaxEvaluator:
         Returns
         -------
         int
-            How many points lie outside the box.
+            Number of points outside the box.
         """
         (second[:],), outside = self._ask("second_gradient", points, weights)
         return outside
@@ -642,7 +641,7 @@ class JaxEvaluator:
         Returns
         -------
         int
-            How many points lie outside the box.
+            Number of points outside the box.
         """
         (values[:],), outside = self._ask("potential", points, weights)
         return outside
@@ -658,7 +657,7 @@ class JaxEvaluator:
         Returns
         -------
         int
-            How many points lie outside the box.
+            Number of points outside the box.
         """
         if self._fixed is not None:
             return self.field_and_gradient(points, np.ones((1, 1)), flux[:, 0], slope[:, 0])
@@ -683,7 +682,7 @@ class JaxEvaluator:
         return self if self._fixed is not None else JaxEvaluator(self._form, np.array(weights))
 
     def field_at(self, point: Any, weights: Any) -> tuple[Array, Array] | None:
-        """See `fieldmap.lookup.Evaluator.field_at`: no quicker.
+        """See `fieldmap.lookup.Evaluator.field_at`: there is no faster way.
 
         Parameters
         ----------
@@ -698,7 +697,7 @@ class JaxEvaluator:
         return None
 
     def dipole_wrench_at(self, point: Any, moment: Any, weights: Any) -> Array | None:
-        """See `fieldmap.lookup.Evaluator.dipole_wrench_at`: no quicker.
+        """See `fieldmap.lookup.Evaluator.dipole_wrench_at`: there is no faster way.
 
         Parameters
         ----------

@@ -1,10 +1,10 @@
 """A levitated magnet as an environment of Gymnasium, `fieldmap/Levitation-v0` (pip install "fieldmap[gymnasium]").
 
-`gymnasium.make("fieldmap.interop.levitation_env:fieldmap/Levitation-v0")`; after an import of this module the last part
-is enough.
+`gymnasium.make("fieldmap.interop.levitation_env:fieldmap/Levitation-v0")`; the part after the colon is enough after
+an import.
 
-The motion is that of `fieldmap.dynamics`, a compiled call a step. Without a map it is a made-up rig: six loops without
-iron in a ring above a magnet of 11 g.
+`fieldmap.dynamics` simulates the motion, with one compiled call per step. Without a map the environment is an example
+rig: six loops without iron in a ring above a magnet of 11 g.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Env: Any = object
 try:
     _gymnasium: Any = import_module("gymnasium")
 except ImportError:
-    # Whoever makes an environment is told (`require`).
+    # `LevitationEnv` raises the error (`require`).
     _gymnasium = None
 else:
     Env = _gymnasium.Env
@@ -50,10 +50,10 @@ IRON: Mapping[str, Callable[..., dynamics.FieldOfCurrents]] = {
 EFFORT = 0.01
 """Weight of the mean square of the actions in the reward."""
 SECONDS = 10.0
-"""Length of an episode of `gymnasium.make` with the usual period, unless max_episode_steps is given."""
+"""Length of an episode of `gymnasium.make` with the default period, s, unless max_episode_steps is given."""
 
 _PERIOD = 2e-3
-# The made-up rig: radius of the ring and its height, of each loop, m; turns. The body: 16 x 20 mm, of 0.8 A m^2.
+# The example rig: radius and height of the ring, radius of a loop, m; turns. Its body: 16 x 20 mm, 0.8 A m^2.
 _RING, _ABOVE, _LOOP, _TURNS = 0.044, 0.026, 0.016, 1e4
 _MASS, _RADIUS, _HEIGHT, _MOMENT = 0.01119, 0.008, 0.02, 0.8
 _TARGET = (0.0, 0.0, -0.09)
@@ -61,33 +61,32 @@ _AIR = Drag(linear=(1e-3,) * 3, turning=(1e-8,) * 3)
 
 
 class LevitationEnv(Env):
-    """Hold a magnet at a place by the currents of coils.
+    """Hold a magnet at a target by the currents of coils.
 
-    Observation (12 + n,): place less target (3), m; velocity (3), m/s; the body's z axis in the map (3); angular
-    velocity (3), rad/s, in the frame of the body; currents (n,), A. Noise is added to the place.
+    Observation (12 + n,): position minus target (3), m; velocity (3), m/s; the body's z axis in the map (3); angular
+    velocity (3), rad/s, frame of the body; currents (n,), A. Noise is added to the position.
 
-    Action in -1..1, n currents or 3 signals: "currents": currents at rest + span * action, span in A. "signals": a
-    force along x, y and z more than the weight needs, span * weight * action, by currents of least power at the
-    target. Currents at rest: those of least power that carry the body at the target. Of a map over a current
-    parametrisation, such as a division, the variables of that stand in the place of the currents: those at rest + span
-    * half of their ranges * action, no further than these ranges; a force by least changes of them.
+    Action in -1..1, n currents or 3 signals. "currents": currents at rest + span * action, span in A. "signals": an
+    additional force along x, y and z, span * weight * action, by the least changes of the currents at the target.
+    Currents at rest are those of least power that carry the body at the target. For a map over a current
+    parametrisation, such as a division, its variables replace the currents: variables at rest + span * half of their
+    ranges * action, within these ranges; a force comes from the least changes of these variables.
 
-    info of a step: `unsolved`, how many solves of the iron's model did not converge in it, at which the iron stayed as
-    it was, and `outside`, how many were at currents beyond the map's domain, where the model has no known error.
+    info of a step: `unsolved`, number of solves of the iron's model that did not converge and left the iron
+    unchanged, and `outside`, number at currents outside the map's domain, where the error of the model is unknown.
 
     Reward of a step: 1 - (distance from the target / limit)^2 - 0.01 mean(action^2). An episode ends at a distance of
-    `limit`, or outside the map, with a reward of 0 for that step. It starts at rest, each coordinate off the target by
-    up to `start`, m, and turned about x and y by up to `tilt`, rad.
+    `limit`, or outside the map, with a reward of 0 for that step. It starts at rest, with each coordinate off the
+    target by up to `start`, m, and a rotation about x and y by up to `tilt`, rad.
 
-    field: a map, its path, or any field with a box; body: with its magnet; target (3,): of its centre of mass, m. Left
-    out all three: a made-up rig. iron, of a map of saturating iron: its "model", solved whenever currents change, a
-    "table" of it over a division, or "linearised" about the currents at rest, right near them only. span: unless given,
-    the largest current at rest, 1 of the ranges, or 0.5 of the weight. period, step: s, as of
-    `fieldmap.dynamics.Schedule`. noise: standard deviations (3,), m. drive: of the coils; currents follow at once
-    unless given. With a "current_controller" the coils are coupled by the flux linkages of the map, and currents of the
-    action are what the controller is asked for. drag: none unless given, a little air in the made-up rig. Raises
-    FieldmapError without Gymnasium, InputError for arguments that do not fit, Infeasible where currents within the
-    limits of the drive do not carry the body.
+    field: a map, its path, or any field with a box; body: with its magnet; target (3,): of its centre of mass, m. If
+    all three are left out, the environment is the example rig. iron, for a map of saturating iron: "model", solved
+    whenever currents change, "table" over a division, or "linearised" about the currents at rest, accurate only near
+    them. span: by default the largest current at rest, 1 of the ranges, or 0.5 of the weight. period, step: s, as in
+    `fieldmap.dynamics.Schedule`. noise: standard deviations (3,), m. drive: of the coils; by default currents follow
+    at once. With a "current_controller" the flux linkages of the map couple the coils, and currents of the action are
+    references of the controller. drag: none by default, some air in the example rig. Raises FieldmapError without
+    Gymnasium, InputError for invalid arguments, Infeasible if no currents of the drive carry the body.
 
     >>> env = gymnasium.make("fieldmap/Levitation-v0", action="signals")                  # doctest: +SKIP
     """
@@ -142,11 +141,11 @@ class LevitationEnv(Env):
         self._from_action = reach * (widest if span is None else float(span))
         if action == "signals":
             share = 0.5 if span is None else float(span)
-            # The least changes that make 1 N along each axis.
+            # The least changes for a force of 1 N along each axis.
             by_reach = balance.force_per_ampere(place, self.rest) @ slopes @ reach
             self._from_action = share * balance.weight * (reach @ np.linalg.pinv(by_reach))
         self._limits = drive.steady
-        # Checks that a map has the linkages that couple coils, which its plant then needs.
+        # A Machine checks that the map has the flux linkages that coupled coils need.
         machine = dynamics.Machine(
             self._known,
             body,
@@ -164,19 +163,19 @@ class LevitationEnv(Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """A new episode.
+        """Begin a new episode.
 
         Parameters
         ----------
         seed
-            Of the episode's random numbers.
+            Seed of the episode's random numbers.
         options
-            `state` (13,) to begin with.
+            `state` (13,) at the start.
 
         Returns
         -------
         tuple[Array, dict[str, Any]]
-            (observation, info), see the class.
+            Observation and info, see the class.
         """
         super().reset(seed=seed)
         begin = None if options is None else options.get("state")
@@ -195,7 +194,7 @@ class LevitationEnv(Env):
         return self._observed(), self._solves()
 
     def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """One control period.
+        """Run one control period.
 
         Parameters
         ----------
@@ -205,7 +204,7 @@ class LevitationEnv(Env):
         Returns
         -------
         tuple[Array, float, bool, bool, dict[str, Any]]
-            (observation, reward, terminated, truncated, info).
+            Observation, reward, terminated, truncated, info.
         """
         given = np.minimum(np.maximum(action, -1.0), 1.0)
         wanted = self._changed(self._from_action @ given)
@@ -222,21 +221,21 @@ class LevitationEnv(Env):
 
     @property
     def state(self) -> Array:
-        """Place, velocity, quaternion (w, x, y, z) and angular velocity (13,), without noise: a copy."""
+        """Position, velocity, quaternion (w, x, y, z) and angular velocity (13,), without noise, a copy."""
         return self._state.copy()
 
     @property
     def currents(self) -> Array:
-        """Of the coils (n,), A: a copy."""
+        """Currents of the coils (n,), A, a copy."""
         return self._currents.copy()
 
     def _begin(self) -> None:
-        """A model of the iron that remembers nothing: equal seeds give equal episodes."""
+        """Make a machine with a new state of the iron, so that equal seeds give equal episodes."""
         self._machine = self._core()
         self._counted = self._machine.solves
 
     def _solves(self) -> dict[str, int]:
-        """See the class: of the time since the last call."""
+        """The info of the class since the last call."""
         before, now = self._counted, self._machine.solves
         self._counted = now
         return {"unsolved": now.unsolved - before.unsolved, "outside": now.outside - before.outside}
@@ -255,10 +254,10 @@ class LevitationEnv(Env):
 
 
 def _variables(field: FieldMap, rest: Array) -> tuple[Callable[[Array], Array], Array, Array, float]:
-    """What actions move: currents of the coils, or signals of the map's parametrisation within their ranges.
+    """Variables of the actions: currents of the coils, or signals of the map's parametrisation within their ranges.
 
-    The coils' currents (n,), A, at a change (k,) off those at rest, and their derivatives (n, k) by the change; what an
-    action of 1 changes at a span of 1 (k, k); and the span unless another is given.
+    Returns a function from a change (k,) to the coils' currents (n,), A; their derivatives (n, k) by the change; the
+    change of an action of 1 at a span of 1 (k, k); and the default span.
     """
     reduced = field.info.reduced_model
     if reduced is None or isinstance(reduced.domain.parametrisation, IndependentCurrents):
@@ -276,7 +275,7 @@ def _variables(field: FieldMap, rest: Array) -> tuple[Callable[[Array], Array], 
 def _rig(
     field: Any, body: RigidBody | None, target: ArrayLike | None
 ) -> tuple[FieldMap, RigidBody, ArrayLike]:
-    """What was given, or the made-up rig."""
+    """The given rig, or the example rig."""
     given = [each is not None for each in (field, body, target)]
     if any(given) and not all(given):
         must_hold = "field, body and target must all be given"
@@ -295,7 +294,7 @@ def _rig(
 
 
 def _six_loops() -> FieldMap:
-    # Here: on a map of one's own nothing is compiled.
+    # Imported here, so that nothing is compiled for a given map.
     from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 
     grid = Grid(np.array([-0.02, -0.02, -0.12]), np.full(3, 0.005), (9, 9, 13))

@@ -1,19 +1,19 @@
-"""Maps for mag_manip (ETH Zurich, Tesla_core): the YAML of its linear model on vector fields, and the way back.
+"""Maps for mag_manip (ETH Zurich, Tesla_core): writer and reader of the YAML of its linear model on vector fields.
 
     name: TITLE
     vfields:
       coil_00:  {dim_x, dim_y, dim_z, min_x, max_x, ..., data: [[Bx, By, Bz], ...]}     T at 1 A, z fastest
 
-What its reader (`ForwardModelLinearVField`) does, from the source of Tesla_core 4.0.1 (mag_control/mag_manip) and seen
-in the wheel mag_manip 3.0.0:
+Behaviour of its reader (`ForwardModelLinearVField`), from the source of Tesla_core 4.0.1 (mag_control/mag_manip) and
+confirmed in the wheel mag_manip 3.0.0:
 
-- It takes node (i, j, k) from `i dim_x dim_y + j dim_y + k` (interpolate_regular.h:325). The data are in the order that
-  its documentation asks for only where the three counts are equal, so a map is resampled to equal counts.
+- It takes node (i, j, k) from `i dim_x dim_y + j dim_y + k` (interpolate_regular.h:325). The data are in the order
+  that its documentation asks for only where the three counts are equal, so a map is resampled to equal counts.
 - It interpolates by cubics whose slopes at the nodes are central differences, one-sided ones in the outermost nodes
-  (interpolate_tricubic.cpp:50, interpolate_regular.cpp:58). The error of the outermost cells falls with the square of
-  the spacing only; there are as many nodes as keep it small.
-- It sorts the coils' keys as texts (forward_model_linear_vfield.cpp:126), so coils are numbered in current order; their
-  names stand in a comment.
+  (interpolate_tricubic.cpp:50, interpolate_regular.cpp:58). The error of the outermost cells falls only with the
+  square of the spacing; the number of nodes keeps it small.
+- It sorts the coils' keys as texts (forward_model_linear_vfield.cpp:126), so coils are numbered in the order of
+  currents; a comment has their names.
 - Numbers of the file become single precision. A point on or beyond the rounded faces is an error
   (interpolate_regular.h:153, interpolate_regular.cpp:77), so the faces are rounded outwards.
 """
@@ -42,21 +42,21 @@ from fieldmap.store.whole_files import write_whole
 from fieldmap.typing import Array, PathLike
 
 ACCURACY = 1e-4
-"""What the reader's interpolation may change of B where no spacing is given, as a share of the largest B."""
+"""Without a given spacing: largest error of B by the reader's interpolation, as a share of the largest B."""
 
 MOST_NODES = 49
-"""No more nodes in each direction without a given spacing: the wheel takes over a minute to read six such coils."""
+"""Without a given spacing: largest number of nodes per direction. The wheel reads six such coils in over a minute."""
 
 MOST_COILS = 100
-"""More are not read."""
+"""Largest number of coils that are read."""
 
 Cells = NDArray[np.int64]
 
 _AXES = "xyz"
 _POINTS = 1000
-# What files that are no such model make a reader raise.
+# Exceptions while reading a file that is not such a model.
 _NO_MODEL = (OSError, LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError)
-# Faces by which single precision and the reader's step, a rounded quotient, leave every point of the box inside.
+# Relative margin of the faces, so that the box is inside in single precision and with the reader's rounded step.
 _ROUNDING = 4e-7
 
 
@@ -65,9 +65,9 @@ class VectorFields(Record):
     """A map sampled for mag_manip.
 
     flux_density (count, count, count, n_coils, 3), T at 1 A of each coil, on equally spaced nodes from lower to upper
-    (3,), m; at fixed currents one field of all coils, named by these currents. map_nodes: how many the map has along x,
-    y and z. flux_error, gradient_error: largest change that the reader's interpolation makes at 1000 points of the box,
-    two thirds of each coordinate in outermost cells, as a share of the largest value of the same coil there.
+    (3,), m; at fixed currents one field of all coils, named by these currents. map_nodes: of the map along x, y and
+    z. flux_error, gradient_error: largest error of the reader's interpolation at 1000 points of the box, with two
+    thirds of each coordinate in outermost cells, as a share of the largest value of the same coil there.
     """
 
     title: str
@@ -86,7 +86,7 @@ class VectorFields(Record):
 
     @property
     def summary(self) -> str:
-        """What was done to the map, and what its reader does."""
+        """The resampling of the map, and the error of the reader, in words."""
         before = " x ".join(map(str, self.map_nodes))
         return (
             f"{before} nodes resampled to {self.count} in each direction, because mag_manip reads equal counts only; "
@@ -119,7 +119,7 @@ class VectorFields(Record):
         Raises
         ------
         InputError
-            For a place that cannot be written.
+            For a path that cannot be written.
         """
         lines = [
             f"# coils in current order: {_plain(', '.join(self.coil_names))}",
@@ -141,7 +141,7 @@ class VectorFields(Record):
 def write_mag_manip(
     field: FieldMap, path: PathLike, spacing: float | None = None, currents: object = None
 ) -> Path:
-    """Write a map for mag_manip, on as many nodes as `sample_for_mag_manip` takes.
+    """Write a map for mag_manip, on the nodes of `sample_for_mag_manip`.
 
     Parameters
     ----------
@@ -162,9 +162,8 @@ def write_mag_manip(
     Raises
     ------
     InputError
-        For a map of saturating iron without currents, because that model superposes its coils, for one with a
-        field that no current drives, which it cannot hold, for currents that do not fit, and for a spacing
-        that is not positive.
+        For a map of saturating iron without currents, because mag_manip superposes coils; for a map with a field that
+        no current drives, which mag_manip cannot hold; for invalid currents, and for a spacing that is not positive.
     """
     return sample_for_mag_manip(field, spacing, currents).write(path)
 
@@ -172,19 +171,19 @@ def write_mag_manip(
 def sample_for_mag_manip(
     field: FieldMap, spacing: float | None = None, currents: object = None
 ) -> VectorFields:
-    """A map on equally many nodes in the three directions, over its whole box.
+    """Sample a map over its whole box on equal numbers of nodes in the three directions.
 
-    At least as many as the map has in any direction, and so many that the reader's interpolation keeps
-    `ACCURACY`, up to `MOST_NODES`.
+    The number is at least the largest number of nodes of the map, and large enough that the reader's interpolation
+    keeps `ACCURACY`, up to `MOST_NODES`.
 
     Parameters
     ----------
     field
         The map.
     spacing
-        m; as few nodes as lie no farther apart than that in any direction.
+        Largest distance of the nodes, m, which then sets their number.
     currents
-        (n_coils,), A; with them the one field of these: the program's current is its factor.
+        Currents (n_coils,), A, of a single field, for which the program's current is a factor.
 
     Returns
     -------
@@ -244,7 +243,7 @@ def _sample(field: FieldMap, source: _Source, count: int) -> VectorFields:
 
 
 def _places(count: int) -> tuple[Cells, Array]:
-    """Cells (n, 3) and places within them, 0 to 1; a third of each coordinate in the first, the last and any cell."""
+    """Cells (n, 3) and positions in them, 0 to 1; a third of each coordinate in the first, the last and any cell."""
     rng = np.random.default_rng(0)
     any_cell = rng.integers(0, count - 1, (_POINTS, 3))
     which = rng.integers(0, 3, any_cell.shape)
@@ -253,7 +252,7 @@ def _places(count: int) -> tuple[Cells, Array]:
 
 
 def _tricubic(flux: Array, cells: Cells, shares: Array) -> tuple[Array, Array]:
-    """The reader's interpolation: B (n, n_coils, 3), and its derivatives (n, n_coils, 3, 3) by the cells' places."""
+    """The reader's interpolation: B (n, n_coils, 3), and derivatives (n, n_coils, 3, 3) by position in the cells."""
     count = len(flux)
     value, slope = _weights(cells, shares, count)
     nodes = np.clip(cells[:, None] + np.arange(-1, 3)[:, None], 0, count - 1)
@@ -270,7 +269,7 @@ def _tricubic(flux: Array, cells: Cells, shares: Array) -> tuple[Array, Array]:
 
 
 def _weights(cells: Cells, shares: Array, count: int) -> tuple[Array, Array]:
-    """What the nodes -1, 0, 1 and 2 of a cell count for, (n, 3, 4), and the derivative of that by the place.
+    """Weights (n, 3, 4) of the nodes -1, 0, 1 and 2 of a cell, and their derivatives by position.
 
     The tricubic of Lekien and Marsden (2005) with differences of products as its derivatives is the product of three
     cubic Hermite interpolations, each with the differences of its own direction as slopes.
@@ -288,7 +287,7 @@ def _weights(cells: Cells, shares: Array, count: int) -> tuple[Array, Array]:
 
 
 def _share(read: Array, exact: Array) -> float:
-    """Largest difference of a coil by its largest value, the worst of the coils; both (n, n_coils, ...)."""
+    """Largest difference of a coil divided by its largest value, for the worst coil; both (n, n_coils, ...)."""
     points, coils = exact.shape[:2]
     off, size = (
         np.linalg.norm(part.reshape(points, coils, -1), axis=-1).max(axis=0) for part in (read - exact, exact)
@@ -297,10 +296,10 @@ def _share(read: Array, exact: Array) -> float:
 
 
 def read_mag_manip(path: PathLike, spacing: float | None = None) -> MeasuredMap:
-    """A map from a mag_manip file of vector fields.
+    """Read a map from a mag_manip file of vector fields.
 
-    Harmonic polynomials are fitted to its numbers as to measured ones, which restores gradients free of curl
-    and divergence; the report says how well. Coils are named as in the file, in its order of currents.
+    Harmonic polynomials are fitted as to measured readings, so fields and gradients have no curl and divergence; the
+    report states the error. Coils have the names and the order of the file.
 
     Parameters
     ----------
@@ -317,9 +316,9 @@ def read_mag_manip(path: PathLike, spacing: float | None = None) -> MeasuredMap:
     Raises
     ------
     MapFileError
-        If the file is no such model.
+        If the file is not such a model.
     FieldmapError
-        Where PyYAML is not installed.
+        If PyYAML is not installed.
     """
     yaml = require("yaml", "mag-manip", "read_mag_manip")
     source = Path(path)
@@ -349,7 +348,7 @@ def _coil(entry: dict[str, Any]) -> tuple[Grid, np.ndarray]:
     if min(shape) < 2 or not np.isfinite([low, high]).all():
         raise ValueError(f"{nx}, {ny}, {nz} nodes from {low} to {high}")
     data = entry["data"]
-    # Before any array is made: names for lists let a few letters stand for 1e9 numbers.
+    # This check comes before any array is made, because YAML aliases let a small file expand to 1e9 numbers.
     if not isinstance(data, list) or len(data) != nx * ny * nz or not all(map(_is_vector, data)):
         raise ValueError(f"data that are not {nx * ny * nz} times three numbers")
     return Grid(low, (high - low) / (np.array(shape) - 1), shape), np.array(data, dtype=np.float64)

@@ -1,8 +1,8 @@
 """A map from measured flux densities: harmonic polynomials fitted to the readings, with the error of the fit stated.
 
 Without currents and iron in the box the field of every coil is the gradient of a harmonic polynomial, to any accuracy
-(docs/theory/lookup.md (8)): the fit may not follow what no field can do, which takes noise out, and its derivative is
-the gradient that was not measured.
+(docs/theory/lookup.md (8)). The fit contains only possible fields, which reduces noise, and its derivative is the
+gradient, which was not measured.
 """
 
 from __future__ import annotations
@@ -25,23 +25,24 @@ from fieldmap.typing import Array
 HIGHEST_DEGREE = 10
 MOST_NODES = 2_000_000
 MOST_BYTES = 4e9
-"""Of the equations of a fit."""
+"""Largest memory of the equations of a fit, bytes."""
 _NODES_AT_ONCE = 2000
 FOLDS = 5
-# A higher degree must predict readings that were held out better by this share, or it only follows noise.
+# A higher degree must reduce the mean square error of held-out readings by this share, or it only follows noise.
 WORTH = 0.02
 _TRUSTED = 0.97
-"""Share of the readings by which degrees are compared."""
+"""Share of the readings, those with the smallest errors, that is used to compare degrees."""
 
 
 @dataclass(frozen=True, repr=False)
 class FitReport(Record):
-    """How well harmonic polynomials hold the readings.
+    """Errors of the fit of harmonic polynomials to the readings.
 
-    degree: of the potential. residual: root mean square of what is left of the readings, per component, T. held_out,
-    held_out_worst: the same, and the largest, for readings predicted by fits without them, T: what to trust.
-    standard_error: of the fit at the map's nodes by the readings' scatter, largest, coils at their reference currents
-    summed, T and T/m; what the degree cannot follow is not in it. readings: how many.
+    degree: of the potential. residual: root mean square of the residuals per component, T. held_out, held_out_worst:
+    root mean square and largest error of readings predicted by fits without them, T; these are the errors to trust.
+    standard_error: largest standard error of the fit at the map's nodes from the scatter of the readings, summed over
+    coils at their reference currents, T and T/m; it does not include the truncation of the degree. readings: their
+    number.
     """
 
     degree: int
@@ -54,7 +55,7 @@ class FitReport(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MeasuredMap(Record):
-    """A map as a solver would have made it, and how well it was measured."""
+    """A map in the form of a solved one, and the errors of the fit."""
 
     data: MapData
     report: FitReport
@@ -73,9 +74,8 @@ def fit_map(
 ) -> MeasuredMap:
     """Fit a map to readings.
 
-    Currents of several coils in one reading are told apart as long as they were varied. The result's `data`
-    goes into `fieldmap.lookup.interpolate` or `fieldmap.store.write_map`, its provenance says what the report
-    says.
+    A reading may have currents in several coils, if the currents were varied independently. The result's `data` is
+    for `fieldmap.lookup.interpolate` or `fieldmap.store.write_map`; its provenance contains the report.
 
     Parameters
     ----------
@@ -84,22 +84,21 @@ def fit_map(
     spacing
         Largest distance of the map's nodes, m.
     lower, upper
-        Corners (3,) of the box, m; those of the readings unless given.
+        Corners (3,) of the box, m; by default those of the readings.
     degree
-        Of the potential; unless given, the one from which on readings that were held out are predicted no
-        better.
+        Degree of the potential; by default the degree above which held-out readings are not predicted better.
 
     Returns
     -------
     MeasuredMap
-        The map, and how well it fits.
+        The map, with the errors of the fit.
 
     Raises
     ------
     InputError
-        If the readings cannot tell the coils apart, are too few, or lie in one plane; and for readings that no
-        field fits: one that is far from all others (with its line), columns of components that are exchanged
-        or have the wrong sign, and readings that the others do not predict.
+        If the readings cannot distinguish the coils, are too few, or lie in one plane; and for readings that fit no
+        field: outliers (with their lines), exchanged components, wrong signs, and readings that others do not
+        predict.
     """
     points = measurements.points
     require_volume(measurements)
@@ -183,7 +182,7 @@ def _grid(low: Array, high: Array, spacing: float) -> Grid:
 
 
 def _design(currents: Array, local: Array, degree: int) -> Array:
-    """(3 n, n_coils size): readings from the coefficients of all coils, without their constants."""
+    """Matrix (3 n, n_coils size) from the coefficients of all coils, without constants, to readings."""
     rows = field_matrix(degree, local)[..., 1:]
     return np.einsum("nik,nc->nick", rows, currents).reshape(3 * len(local), -1)
 
@@ -194,7 +193,7 @@ def _best_degree(measurements: Measurements, local: Array) -> int:
         unknowns = _unknowns(measurements, degree)
         if unknowns > 1.5 * len(local) or 24.0 * unknowns * len(local) > MOST_BYTES:
             break
-        # Without the worst: one wild reading would decide for a low degree, and hide behind its errors.
+        # The largest errors are left out, because one outlier would select a low degree, whose errors would hide it.
         worst_last = np.sort(_held_out(measurements, local, degree).ravel() ** 2)
         predicted = float(np.mean(worst_last[: int(_TRUSTED * len(worst_last))]))
         if predicted >= (1 - WORTH) * least:
@@ -210,9 +209,9 @@ def _unknowns(measurements: Measurements, degree: int) -> int:
 
 
 def _held_out(measurements: Measurements, local: Array, degree: int) -> Array:
-    """What fits to four fifths of the readings miss of the others, (n, 3), T.
+    """Errors (n, 3), T, of readings that are predicted by fits to the other four fifths.
 
-    By normal equations, whose parts are summed over all folds but one: good enough to judge by, and quick.
+    The normal equations are summed over all folds but one, which is fast and accurate enough for a comparison.
     """
     design = _design(measurements.currents, local, degree)
     design /= np.maximum(np.linalg.norm(design, axis=0), 1e-300)
@@ -221,7 +220,7 @@ def _held_out(measurements: Measurements, local: Array, degree: int) -> Array:
     parts = [design[fold == out] for out in range(FOLDS)]
     squares = [part.T @ part for part in parts]
     sides = [part.T @ values[fold == out] for out, part in enumerate(parts)]
-    # Where coils cannot be told apart this keeps the equations solvable; the fit itself refuses that.
+    # The ridge keeps the equations solvable if coils cannot be distinguished; the fit itself refuses this case.
     ridge = 1e-13 * np.eye(design.shape[1])
     missed = np.empty_like(values)
     for out, part in enumerate(parts):
@@ -233,11 +232,11 @@ def _held_out(measurements: Measurements, local: Array, degree: int) -> Array:
 def _standard_error(
     design: Array, scatter: float, nodes: Array, length: float, degree: int, amperes: Array
 ) -> FieldError:
-    """Largest standard deviation at the nodes, coils at their reference currents summed."""
+    """Largest standard error at the nodes, summed over the coils at their reference currents."""
     length_of = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     factor = np.linalg.inv(np.linalg.qr(design / length_of, mode="r")) / length_of[:, None]
     size = factor.shape[0] // len(amperes)
-    # A row times the rows of a coil's coefficients is as long as times a triangle with the same products of these rows.
+    # A triangle with the same scalar products replaces the rows of a coil's coefficients and keeps all lengths.
     of_coils = np.split(factor, len(amperes))
     parts = [np.transpose(np.linalg.qr(of_coil.T, mode="r")) for of_coil in of_coils]
     flux, slope = np.zeros(len(nodes)), np.zeros(len(nodes))
@@ -252,7 +251,7 @@ def _standard_error(
 
 
 def _parts(nodes: int) -> Iterator[slice]:
-    """Of many nodes: the matrices of all of them together would take a hundred times the memory of the map."""
+    """Parts of many nodes, because matrices for all nodes would take a hundred times the memory of the map."""
     for begin in range(0, nodes, _NODES_AT_ONCE):
         yield slice(begin, begin + _NODES_AT_ONCE)
 

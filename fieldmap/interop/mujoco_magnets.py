@@ -1,8 +1,8 @@
-"""Magnets in MuJoCo: bodies feel the wrench of a map's field at every step (pip install "fieldmap[mujoco]").
+"""Magnets in MuJoCo: the wrench of a map's field on bodies at every step (pip install "fieldmap[mujoco]").
 
-MuJoCo has one passive-force callback for the whole process; `MagnetForces` takes it while it is entered as a context.
-Where the map allows, the callback is compiled: MuJoCo calls it without Python. MuJoCo's structures differ from version
-to version, so where its data keeps an array is found by looking for the address that its Python binding tells.
+MuJoCo has one passive-force callback for the whole process; `MagnetForces` uses it inside its context. For most maps
+the callback is compiled, and MuJoCo calls it without Python. MuJoCo's structures differ between versions, so the
+offset of an array in its data is found by a search for the address from its Python binding.
 """
 
 from __future__ import annotations
@@ -31,27 +31,26 @@ from fieldmap.typing import Array
 
 _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
 _LIBRARIES = ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll")
-# Bytes of MuJoCo's data in which its pointers are looked for; in version 3.17 they lie near 160 000.
+# Size of MuJoCo's data that is searched for pointers, bytes; in version 3.17 they lie near 160 000.
 _DATA_SIZE = 1 << 20
 
 
 class MagnetForces:
     """Force and torque of a map's field on bodies of a MuJoCo model.
 
-    magnets: per body, by name, its moment (3,) in A m^2 in the body's frame, at the body's origin, or a `MagneticBody`
-    about it: a magnet of finite size, soft iron, several of them (`fieldmap.lookup.magnetic_body`). currents
-    (n_coils,), A: assign `currents` between steps, as a controller does. offset (3,), m: where the map's origin lies in
-    the world. Axes of map and world are parallel, units SI. mutual: bodies act on each other, with their soft iron, and
-    each feels the iron's reaction to all. Raises InputError for a body that does not exist, and for moments, currents
+    magnets: for each body, by name, its moment (3,), A m^2, at the body's origin in the frame of the body, or a
+    `MagneticBody` about the origin: magnets of finite size, soft iron (`fieldmap.lookup.magnetic_body`). currents
+    (n_coils,), A: assign `currents` between steps, as a controller does. offset (3,), m: the map's origin in the
+    world. Axes of map and world are parallel, units are SI. mutual: whether bodies act on each other, also by soft
+    iron and through the iron's reaction. Raises InputError for a body that does not exist, and for moments, currents
     or an offset that are not finite numbers of these shapes; FieldmapError without MuJoCo.
 
-    `compiled` says whether MuJoCo calls machine code; that is so unless the map is of saturating iron, or one that an
-    evaluator other than the C core answers. compiled=False asks for Python. A callback serves any number of data and
-    threads of the model; `currents` are those of all of them.
+    The callback is compiled (`compiled`) unless the map has saturating iron or another evaluator than the C core.
+    compiled=False selects Python. The callback serves any data and threads of the model, with the same `currents`.
 
-    A magnet that leaves the box feels nothing from there on, and `check`, or the end of the context, raises the
-    OutsideMapError: an exception cannot pass through MuJoCo. With outside="clamp" it feels the field of the edge.
-    Soft iron that overlaps that of another body ends all forces in the same way, with NotConverged.
+    After a magnet leaves the box, no forces are added, and `check`, or the end of the context, raises
+    OutsideMapError, because an exception cannot pass through MuJoCo. A map with outside="clamp" has the field of the
+    edge there. Overlapping soft iron of two bodies also ends all forces, with NotConverged.
 
     >>> with MagnetForces(model, m, {"float": [0, 0, 0.8]}, currents) as magnets:          # doctest: +SKIP
     ...     for _ in range(1000):
@@ -100,7 +99,7 @@ class MagnetForces:
         return int(body)
 
     def _compiled_task(self, library: ctypes.CDLL, core: CoreMap, mutual: bool) -> Task:
-        """What the callback of the C core works on."""
+        """The task for the callback of the C core."""
         data, known = self._mujoco.MjData(self._model), []
         for body, magnet in self._bodies:
             if not isinstance(magnet, MagneticBody):
@@ -114,7 +113,7 @@ class MagnetForces:
 
     @property
     def currents(self) -> Array:
-        """Of the coils (n_coils,), A: assign to it, or to parts of it, between steps."""
+        """Currents of the coils (n_coils,), A: assign to it, or to parts of it, between steps."""
         return self._currents
 
     @currents.setter
@@ -123,7 +122,7 @@ class MagnetForces:
 
     @property
     def compiled(self) -> bool:
-        """Whether MuJoCo calls machine code."""
+        """Whether the callback is compiled."""
         return self._task is not None
 
     def wrench(self, data: Any, body: int, magnet: MagneticBody | Array) -> Array:
@@ -146,7 +145,7 @@ class MagnetForces:
         Raises
         ------
         InputError
-            For a moment of another shape, and a number of no body.
+            For a moment of another shape, or a number without a body.
         """
         check(
             0 <= body < len(data.xpos),
@@ -165,7 +164,7 @@ class MagnetForces:
         return self._field.wrench(position, turn @ magnet, self.currents)
 
     def __call__(self, model: Any, data: Any) -> None:
-        """Add to the passive forces: what MuJoCo calls at every evaluation."""
+        """Add to the passive forces. MuJoCo calls this at every evaluation."""
         if self._error is not None:
             return
         try:
@@ -177,7 +176,7 @@ class MagnetForces:
             self._error = error
 
     def check(self) -> None:
-        """Raise what went wrong in the callback since it was entered, if anything did."""
+        """Raise the first error in the callback since the context was entered, if any."""
         fault = None if self._error is not None or self._task is None else self._task.fault()
         if fault is not None:
             status, _, place = fault
@@ -195,7 +194,7 @@ class MagnetForces:
             return self
         self._task.enter()
         self._mujoco.set_mjcb_passive(_callback())
-        # The callback gets to know its model.
+        # This call tells the callback its model.
         self._mujoco.mj_forward(self._model, self._mujoco.MjData(self._model))
         return self
 
@@ -216,7 +215,7 @@ def _known(name: object, magnet: MagneticBody | ArrayLike) -> MagneticBody | Arr
 
 
 def _free_joint(mujoco: ModuleType, model: Any, body: int) -> int:
-    """First degree of freedom of a body that hangs on a free joint alone, else -1."""
+    """First degree of freedom of a body whose only joint is a free joint, else -1."""
     joint = int(model.body_jntadr[body])
     alone = int(model.body_jntnum[body]) == 1 and int(model.body_parentid[body]) == 0
     free = alone and int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_FREE)
@@ -230,7 +229,7 @@ def _callback() -> Any:
 
 
 def _core_map(field: FieldMap) -> CoreMap | None:
-    """The map for the C core, or None where that does not give the field for the weights of its coils."""
+    """The map for the C core, or None if its coils' fields do not superpose, or another evaluator is used."""
     if not field.affine:
         return None
     try:
@@ -240,7 +239,7 @@ def _core_map(field: FieldMap) -> CoreMap | None:
 
 
 def _library(mujoco: ModuleType) -> ctypes.CDLL | None:
-    """MuJoCo's own library, which its package has loaded; None for one of single precision, which C does not read."""
+    """The library of the MuJoCo package; None for single precision, which the C core does not support."""
     if getattr(mujoco, "MJTNUM_DTYPE", np.float64) is not np.float64:
         return None
     folder = Path(str(mujoco.__file__)).parent
@@ -249,7 +248,7 @@ def _library(mujoco: ModuleType) -> ctypes.CDLL | None:
 
 
 def _offset_of(data: Any, array: Array) -> int:
-    """Where in MuJoCo's data the pointer to one of its arrays lies, bytes."""
+    """Offset of the pointer to an array in MuJoCo's data, bytes."""
     wanted, start = array.ctypes.data, int(data._address)
     for offset in range(0, _DATA_SIZE, 8):
         if ctypes.c_size_t.from_address(start + offset).value == wanted:

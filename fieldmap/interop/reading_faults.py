@@ -1,7 +1,7 @@
-"""Faults of measured readings that a fit finds, because no field has them.
+"""Faults of measured readings that a fit detects, because no field can have them.
 
-The flux density of coils has neither curl nor divergence. Readings with exchanged components, a wrong sign or a slip of
-the instrument do not fit harmonic polynomials, whatever their degree.
+The flux density of coils has neither curl nor divergence. Readings with exchanged components, a wrong sign or an
+error of the instrument do not fit harmonic polynomials of any degree.
 """
 
 from collections.abc import Callable
@@ -17,15 +17,16 @@ THINNEST = 1e-3
 """Thickness of the readings, as a share of their width, below which they lie in a plane."""
 MOST_WILD = 20
 _FAR, _FAR_FROM_OTHERS, _FAR_IN_FIELD = 20.0, 5.0, 0.2
-"""A wild reading: by so many standard errors, times the worst of the others, and share of the readings' mean square."""
+"""Conditions for an outlier: its error exceeds these multiples of the standard error, of the largest other error, and
+of the root mean square of all readings."""
 _COMPARED = 3000
-"""Readings on which orders of the components are compared."""
+"""Largest number of readings for comparing orders of the components."""
 WORTHLESS = 0.5
-"""Share of the readings that the others do not predict, above which a fit is no field."""
+"""Share of the readings, by root mean square, that the others do not predict, above which they are not a field."""
 
 
 def require_volume(measurements: Measurements) -> None:
-    """Raise InputError for readings in one plane: they do not say how the field goes on beside it."""
+    """Raise InputError for readings in one plane, which do not determine the field outside this plane."""
     points = measurements.points - measurements.points.mean(axis=0)
     if len(points) < 2:
         return
@@ -47,11 +48,10 @@ def require_volume(measurements: Measurements) -> None:
 def refuse_faults(
     measurements: Measurements, design: Array, missed: Array, finer: Callable[[Index], Array]
 ) -> None:
-    """Raise InputError for wild readings, with their places; for components that are exchanged; and for readings that
-    are no field.
+    """Raise InputError for outliers, with their lines, for exchanged components, and for readings of no field.
 
-    design (3 n, m): equations of the readings, columns of length 1. missed (n, 3): what fits without a reading miss of
-    it, T. finer: equations of some of the readings for a field that follows more than the fit does.
+    design (3 n, m): equations of the readings, columns of length 1. missed (n, 3): errors of readings predicted by
+    fits without them, T. finer: equations of some of the readings for a field of higher degree than the fit.
     """
     wild = _wild(design, measurements.flux_density, missed)
     if wild.size:
@@ -80,7 +80,7 @@ def refuse_faults(
 
 
 def _wild(design: Array, flux_density: Array, missed: Array) -> Index:
-    """The readings that are far from what all others say: the fewest whose removal leaves no other such."""
+    """The outliers: the smallest set of readings that all differ strongly from the fit to the other readings."""
     order = np.argsort(-np.linalg.norm(missed, axis=1))
     values, squares, sides = flux_density.ravel(), design.T @ design, design.T @ flux_density.ravel()
     ridge = 1e-13 * np.eye(len(squares))
@@ -103,14 +103,14 @@ def _wild(design: Array, flux_density: Array, missed: Array) -> Index:
 
 
 def _exchanged(design: Array, flux_density: Array) -> str:
-    """What the columns of B look like, where another order or sign makes them a field; empty where none does."""
+    """A text about the order and signs of the columns of B that make them a field; empty if there are none."""
     basis = np.linalg.qr(design)[0]
 
     def left(order: tuple[int, ...], signs: tuple[float, ...]) -> float:
         values = (flux_density[:, order] * signs).ravel()
         return float(np.linalg.norm(values - basis @ (basis.T @ values)))
 
-    # A field with all its signs turned is a field too.
+    # A field times -1 is a field too.
     ways = [
         (order, (1.0, *signs)) for order in permutations(range(3)) for signs in product((1.0, -1.0), repeat=2)
     ]

@@ -1,4 +1,4 @@
-"""Measured flux densities: places, currents and readings, and the files that instruments and programs write."""
+"""Measured flux densities: positions, currents and readings, and files of instruments and programs."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ _COIL = re.compile(r"(?:I_|currents? |coil )(?P<name>.+)", re.IGNORECASE)
 class Measurements(Record):
     """n readings: points (n, 3) in m, currents (n, n_coils) in A in the order of coil_names, flux_density (n, 3) in T.
 
-    Of a file: source, its name; lines, the line of each reading; unread, the columns that are none of these.
+    From a file: source, its name; lines, the line of each reading; unread, columns that were not used.
 
-    Raises InputError where shapes do not fit or numbers are not finite.
+    Raises InputError for wrong shapes or numbers that are not finite.
     """
 
     coil_names: tuple[str, ...]
@@ -57,17 +57,17 @@ class Measurements(Record):
         raise_all(problems)
 
     def where(self, reading: int) -> str:
-        """The place of a reading: its line in the file, or its row in the arrays.
+        """Location of a reading: its line in the file, or its row in the arrays.
 
         Parameters
         ----------
         reading
-            Its number, from 0.
+            Number of the reading, from 0.
 
         Returns
         -------
         str
-            The place, as messages name it.
+            The location for messages.
         """
         return f"{self.source}:{self.lines[reading]}" if self.lines else f"Measurements, row {reading}"
 
@@ -81,10 +81,10 @@ def read_measurements(
 ) -> Measurements:
     """Read readings from a text file of columns, or from an openPMD FieldMesh (HDF5).
 
-    Columns are x, y, z, I_NAME for every coil, and Bx, By, Bz, in any order and with units: `x_mm`, `x (cm)`,
-    `x [mm]`, `Bx_G`, `Bx/mT`, `I_left_mA`. Tables of Opera and texts of COMSOL are read as they are. Rows may
-    be in any order, and nodes of a grid may be missing. Every column in a unit of current is a coil's. Other
-    columns, such as an index or the gradient that `write_csv` adds, are not read, and `unread` names them.
+    Columns are x, y, z, I_NAME for every coil, and Bx, By, Bz, in any order and with units: `x_mm`, `x (cm)`, `x
+    [mm]`, `Bx_G`, `Bx/mT`, `I_left_mA`. Tables of Opera and texts of COMSOL are read without changes. Rows may be in
+    any order, and nodes of a grid may be missing. Every column in a unit of current belongs to a coil. Other columns,
+    such as an index or the gradient of `write_csv`, are ignored and listed in `unread`.
 
     Parameters
     ----------
@@ -93,11 +93,11 @@ def read_measurements(
     currents
         Name -> current, A, of coils whose current was constant and has no column.
     units
-        Column -> unit, where its heading does not say.
+        Column -> unit, for headings without a unit.
     delimiter
-        comma, semicolon, tab or blanks; recognised unless given.
+        comma, semicolon, tab or blanks; by default recognised.
     decimal
-        "." or ","; recognised unless given.
+        "." or ","; by default recognised.
 
     Returns
     -------
@@ -143,7 +143,7 @@ def read_measurements(
 def _coils(
     table: TextColumns, found: Mapping[str, Column], fixed: Mapping[str, float]
 ) -> tuple[dict[str, Column], list[Problem]]:
-    """Columns of currents by coil: all in a unit of current, and those that are called I_NAME."""
+    """Columns of currents by coil: columns in a unit of current, and columns I_NAME without a unit."""
     coils: dict[str, Column] = {}
     problems = []
     for column in table.columns:

@@ -1,4 +1,4 @@
-"""Where a field is sampled for a table or an image, and what is written beside the numbers."""
+"""Sampling of a field for a table or an image, with the information that is written with the numbers."""
 
 from dataclasses import dataclass
 from math import prod
@@ -13,18 +13,18 @@ from fieldmap.store import Grid
 from fieldmap.typing import Array
 
 MOST_NODES = 4_000_000
-"""Of a table or an image; with six coils the numbers of so many take 2.3 GB."""
+"""Largest number of nodes of a table or an image; with six coils their numbers take 2.3 GB."""
 FRAME = "right-handed, z up, lengths in m"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Samples(Record):
-    """A field on the nodes of a grid: at currents (n_coils,), A, or coil by coil where they are None.
+    """A field on the nodes of a grid: at currents (n_coils,), A, or coil by coil if they are None.
 
     points (n, 3), m, z fastest; flux_density (n, 3), T, and gradient (n, 3, 3), T/m, at these currents; coil by coil
-    (n, n_coils, 3) and (n, n_coils, 3, 3) per ampere, and constant: B (n, 3) and gradient (n, 3, 3) with all currents
-    off, where something else makes a field, whose names are in fixed_sources. reference (n_coils,), A: currents at
-    which a map is stated, 1 for any other field. title, device: what a map records, or "".
+    (n, n_coils, 3) and (n, n_coils, 3, 3) per ampere. constant: B (n, 3) and gradient (n, 3, 3) of the field without
+    currents, if there is one; fixed_sources: names of its sources. reference (n_coils,), A: reference currents of a
+    map, 1 for any other field. title, device: as recorded in a map, or "".
     """
 
     coil_names: tuple[str, ...]
@@ -41,7 +41,7 @@ class Samples(Record):
 
     @property
     def currents_in_words(self) -> str:
-        """Every coil with its amperes."""
+        """Currents of all coils in words."""
         if self.currents is None:
             return "1 A in each coil alone"
         pairs = zip(self.coil_names, self.currents.tolist(), strict=True)
@@ -51,18 +51,18 @@ class Samples(Record):
 def sample(
     field: AnyField, currents: object = None, spacing: float | None = None, device: str = ""
 ) -> Samples:
-    """A field with a box, on the nodes of `sample_grid`.
+    """Sample a field with a box on the nodes of `sample_grid`.
 
-    currents (n_coils,), A; those of a state that has some, otherwise coil by coil unless given. device: its name, where
-    the field is no map that records it. Raises InputError for currents that do not fit, and for a field that does not
-    superpose without any.
+    currents (n_coils,), A; by default those of a state, or coil by coil for other fields. device: its name, for a
+    field that does not record it. Raises InputError for invalid currents, and without currents for a field that does
+    not superpose.
     """
     source = as_field(field)
     if currents is None and isinstance(source, StateField):
         currents = source.currents
     lower, upper = require_bounds(source)
     grid = sample_grid(source, spacing)
-    # Rounding must not put the outermost nodes outside.
+    # The outermost nodes must not lie outside because of rounding.
     points = np.clip(grid.points(), lower, upper)
     amperes = None if currents is None else coil_currents(currents, source.coil_names)
     if amperes is None:
@@ -89,10 +89,10 @@ def sample(
 
 
 def sample_grid(field: Field, spacing: float | None = None) -> Grid:
-    """Nodes at most `spacing` (m) apart that divide the box of a field; those of a map unless given.
+    """Grid of nodes over the box of a field, at most `spacing` (m) apart; by default the nodes of a map.
 
-    Raises InputError for a spacing that is not positive or makes more than `MOST_NODES`, or for none where the field is
-    no map.
+    Raises InputError for a spacing that is not positive or gives more than `MOST_NODES`; a map alone needs no
+    spacing.
     """
     lower, upper = require_bounds(field)
     if spacing is None:

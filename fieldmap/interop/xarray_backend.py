@@ -1,6 +1,6 @@
 """Map files in xarray: `xarray.open_dataset("map.h5", engine="fieldmap")`.
 
-xarray finds the engine by its entry point of the group "xarray.backends".
+xarray finds the engine by an entry point of the group "xarray.backends".
 """
 
 from collections.abc import Iterable
@@ -11,7 +11,7 @@ from xarray.backends import BackendEntrypoint
 
 
 class MapEngine(BackendEntrypoint):
-    """Opens a map on its nodes, as `fieldmap.lookup.FieldMap.to_xarray` gives it.
+    """Opens a map on its nodes, as `fieldmap.lookup.FieldMap.to_xarray` does.
 
     >>> import xarray                                                                # doctest: +SKIP
     >>> xarray.open_dataset("map.h5", engine="fieldmap", currents=[2.0])             # doctest: +SKIP
@@ -33,8 +33,8 @@ class MapEngine(BackendEntrypoint):
         currents: Any = None,
         kind: str = "harmonic",
     ) -> Dataset:
-        """The data set of a map file. currents: A, as `FieldMap.field` takes them; fields per ampere of every coil
-        without. kind: of lookup. Raises FieldmapError as `fieldmap.open_map` and `FieldMap.to_xarray`."""
+        """Open the data set of a map file. currents: A, as for `FieldMap.field`; by default the fields of all coils
+        per ampere. kind: of lookup. Raises FieldmapError as `fieldmap.open_map` and `FieldMap.to_xarray` do."""
         from fieldmap.lookup import open_map
 
         data: Dataset = open_map(filename_or_obj, kind=kind).to_xarray(currents)

@@ -1,8 +1,7 @@
 """From field and gradient at the nodes of a grid to the coefficients of an interpolant.
 
-A new interpolant is a module with an `INTERPOLANT`, and one line in the list below; or a module of another package,
-which names it as an entry point of the group "fieldmap.interpolants". The packages that make maps need
-interpolants to certify a map against the solver, those that use maps to look it up.
+A new interpolant is a module with an `INTERPOLANT` and one line in the list below, or a module of another package that
+is its entry point of the group "fieldmap.interpolants". Maps are certified and looked up with interpolants.
 """
 
 from fieldmap.extensions import installed_modules
@@ -19,7 +18,7 @@ INTERPOLANTS: dict[str, Interpolant] = {
 
 
 def known_interpolants(wanted: object) -> list[str]:
-    """Names of all there are; of packages that are installed beside this one only where `wanted` is none of its own."""
+    """Names of all interpolants. Other installed packages are searched only if `wanted` is not known yet."""
     if isinstance(wanted, str) and wanted not in INTERPOLANTS:
         added = [module.INTERPOLANT for module in installed_modules("fieldmap.interpolants")]
         INTERPOLANTS.update({each.name: each for each in added})

@@ -1,7 +1,6 @@
-"""A map made ready for evaluation: one block of coefficients per ampere, and what an interpolant must tell of itself.
+"""A map ready for evaluation, as one block of coefficients (`Form`), and the declaration of an interpolant.
 
-Who makes a block does not evaluate it; who evaluates it (`fieldmap.lookup.Evaluator`, the C core) does not ask where it
-came from.
+An interpolant makes blocks. An evaluator (`fieldmap.lookup.Evaluator`, the C core) evaluates a block of any origin.
 """
 
 from collections.abc import Callable
@@ -24,13 +23,12 @@ OUTSIDE_RULES = {"raise": map_block.NAN_OUTSIDE, "nan": map_block.NAN_OUTSIDE, "
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Form(Record):
-    """One of the forms of a map.
+    """The coefficients of a map by one interpolant.
 
-    kind: name of its interpolant. unit: block with one set of coefficients per field of the map: of a
-    coil per ampere, of saturating iron at weight 1. potential_unit: the same for the potential, if the block above
-    does not hold it. misfit: largest difference between form and map at the nodes, T and T/m, summed over the
-    fields, coils at their reference currents; None for a form that passes through the nodes.
-    constant: whether the last field has weight 1, because no current drives it.
+    kind: name of the interpolant. unit: block with one set of coefficients per field of the map: of a coil per ampere,
+    of saturating iron at weight 1. potential_unit: the block of the potential, the same one if `unit` holds it. misfit:
+    largest difference between form and map at the nodes, T and T/m, summed over the fields, coils at their reference
+    currents; None for a form that passes through the nodes. constant: whether the last field always has weight 1.
     """
 
     kind: str
@@ -55,8 +53,8 @@ class Jump(Record):
     """Largest norm of the step across a face between cells, summed over the coils at their reference currents: T and
     T/m.
 
-    flux_density, gradient: at sampled points of every face. bound_factor: no step on all of a face is larger than this
-    times the sampled ones.
+    flux_density, gradient: at sampled points of every face. bound_factor: a step anywhere on a face is at most this
+    times the largest sample.
     """
 
     flux_density: float = 0.0
@@ -65,24 +63,24 @@ class Jump(Record):
 
     @property
     def flux_density_bound(self) -> float:
-        """No step of B is larger, T."""
+        """Bound on the step of B, T."""
         return float(self.bound_factor * self.flux_density)
 
     @property
     def gradient_bound(self) -> float:
-        """No step of the gradient is larger, T/m."""
+        """Bound on the step of the gradient, T/m."""
         return float(self.bound_factor * self.gradient)
 
 
 @dataclass(frozen=True, repr=False)
 class Interpolant(Record):
-    """One way to find a field between the nodes of a map.
+    """A method of interpolation between the nodes of a map.
 
-    name: for `open_map(kind=...)`. summary: one line, for help and messages. form: the coefficients of a map, by what a
-    point outside gives (a key of OUTSIDE_RULES), as a `Form`. kind: of its blocks (`fieldmap.core.block`), which the C
-    core evaluates; without it `evaluator` is asked. evaluator: makes the `fieldmap.lookup.Evaluator` of a form; the
-    package's own unless given. jump: how far field and gradient step from cell to cell; None where both are continuous.
-    in_c: whether fieldmap.h reads its blocks.
+    name: for `open_map(kind=...)`. summary: one line, for help and messages. form: makes the `Form` of a map with a
+    rule for points outside (a key of OUTSIDE_RULES). kind: kind of its blocks (`fieldmap.core.block`), for the C core;
+    None for blocks that only `evaluator` evaluates. evaluator: makes the `fieldmap.lookup.Evaluator` of a form; the C
+    core unless given. jump: steps of field and gradient between cells; None if both are continuous. in_c: whether
+    fieldmap.h reads the blocks.
     """
 
     name: str
@@ -95,7 +93,7 @@ class Interpolant(Record):
 
 
 def header(kind: int, grid: Grid, n_coils: int, outside: str, degree: int = 0, length: float = 1.0) -> Array:
-    """Header of a block over the cells of a grid (`fieldmap.core.block` says what is where)."""
+    """Header of a block over the cells of a grid (layout: `fieldmap.core.block`)."""
     block = np.zeros(map_block.HEADER)
     block[map_block.KIND], block[map_block.RULE] = kind, OUTSIDE_RULES[outside]
     block[map_block.SETS], block[map_block.DEGREE] = n_coils, degree
@@ -108,7 +106,7 @@ def header(kind: int, grid: Grid, n_coils: int, outside: str, degree: int = 0, l
 
 
 def stored_form(data: LargeMap, kind: str, outside: str) -> Form:
-    """A form of a large map, whose coefficients lie in its file.
+    """A form of a large map, with its coefficients in the file.
 
     Parameters
     ----------
@@ -117,7 +115,7 @@ def stored_form(data: LargeMap, kind: str, outside: str) -> Form:
     kind
         Name of the interpolant.
     outside
-        Rule of points outside the box, as for `fieldmap.lookup.open_map`.
+        Rule for points outside the box, as for `fieldmap.lookup.open_map`.
 
     Returns
     -------
@@ -129,7 +127,7 @@ def stored_form(data: LargeMap, kind: str, outside: str) -> Form:
     InputError
         If the file does not hold this form.
     MapFileError
-        If its coefficients are not those of this map.
+        If its coefficients do not belong to this map.
     """
     if kind not in data.blocks:
         must_hold = f"a form that the file of a large map holds: {', '.join(data.blocks)}"
@@ -150,7 +148,7 @@ def stored_form(data: LargeMap, kind: str, outside: str) -> Form:
 
 
 def with_rule(unit: Array, outside: str) -> Array:
-    """A block, of a file or in memory, with a rule of points outside, as for `fieldmap.lookup.open_map`."""
+    """A block, in a file or in memory, with a rule for points outside, as for `fieldmap.lookup.open_map`."""
     start = np.array(unit[: map_block.HEADER])
     start[map_block.RULE] = OUTSIDE_RULES[outside]
     if isinstance(unit, MappedNumbers):
@@ -159,21 +157,21 @@ def with_rule(unit: Array, outside: str) -> Array:
 
 
 def contract(block: Array, currents: Array, size: int) -> Array:
-    """The block of one set at given currents: what is done once per change of the currents.
+    """The sum of a block's fields at given currents, as a block of one set. It is computed once per change of currents.
 
     Parameters
     ----------
     block
         Coefficients of all fields.
     currents
-        Currents (n_coils,), A.
+        Weights (n_fields,) of the fields, A for coils.
     size
         Length of a set: `set_size`.
 
     Returns
     -------
     Array
-        Coefficients of their sum.
+        The block of the sum.
     """
     places = (len(block) - map_block.HEADER) // (size * len(currents))
     out = np.empty(map_block.HEADER + places * size)
@@ -211,7 +209,7 @@ def plane_potential(first: Array, flux: Array, gradient: Array, spacing: Array) 
 
 
 def running_potential(value: Array, slope: Array, spacing: float) -> Array:
-    """Integral (..., n) from the first node of a line, from the component of B along it and the slope of that."""
+    """Integral (..., n) from the first node of a line, from the component of B along the line and its slope."""
     step = spacing / 2 * (value[..., :-1] + value[..., 1:])
     step += spacing * spacing / 12 * (slope[..., :-1] - slope[..., 1:])
     return np.concatenate([np.zeros_like(value[..., :1]), np.cumsum(step, axis=-1)], axis=-1)

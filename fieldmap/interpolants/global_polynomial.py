@@ -1,7 +1,7 @@
 """One harmonic polynomial for the whole box: infinitely smooth, a few kilobytes a coil.
 
 docs/theory/lookup.md (8), (9). It converges inside the largest sphere about the box's middle that is free of
-currents and iron; how well it does in the box is measured at every node of the map.
+currents and iron. Its error in the box is measured at every node of the map.
 """
 
 from collections.abc import Sequence
@@ -19,8 +19,8 @@ from fieldmap.typing import Array
 
 NAME = "global"
 DEGREE = 16
-NODES_PER_AXIS = 13  # of the fit; the misfit is taken at all nodes, so most of a fine map is left to judge it
-GRADIENT_WEIGHT = 0.1  # against length times gradient
+NODES_PER_AXIS = 13  # of the fit; all nodes of the map give the misfit
+GRADIENT_WEIGHT = 0.1  # of length times gradient, relative to the flux density
 LARGEST_MISFIT = 1e-3  # of the largest field
 
 
@@ -32,7 +32,7 @@ def global_form(data: MapData | LargeMap, outside: str) -> Form:
     data
         The map.
     outside
-        Rule of points outside the box, as for `fieldmap.lookup.open_map`.
+        Rule for points outside the box, as for `fieldmap.lookup.open_map`.
 
     Returns
     -------
@@ -58,8 +58,8 @@ def global_form(data: MapData | LargeMap, outside: str) -> Form:
 
 
 def _spread(n: int) -> NDArray[np.intp]:
-    """Up to NODES_PER_AXIS of n nodes, evenly spread, both ends among them, as many in either half."""
-    # Of an even number of nodes none is in the middle.
+    """Up to NODES_PER_AXIS of n nodes, evenly spread and symmetric, with both ends."""
+    # An even number of nodes has no middle node.
     count = min(n, NODES_PER_AXIS - (n + 1) % 2)
     front = np.linspace(0, n - 1, count).round().astype(np.intp)[: count // 2]
     middle = [(n - 1) // 2] if n % 2 else []
@@ -67,7 +67,7 @@ def _spread(n: int) -> NDArray[np.intp]:
 
 
 def _degree(n_nodes: int) -> int:
-    """DEGREE, or less where the nodes give fewer than twice as many independent numbers (8 each) as unknowns."""
+    """DEGREE, or a lower degree of at least 3 with two independent numbers per unknown (each node gives 8)."""
     degree = DEGREE
     while degree > 3 and (degree + 1) ** 2 - 1 > 4 * n_nodes:
         degree -= 1
@@ -77,11 +77,11 @@ def _degree(n_nodes: int) -> int:
 def _fit(data: MapData, chosen: Sequence[NDArray[np.intp]], degree: int, length: float) -> Array:
     """Least squares over fields and gradients at the chosen nodes, every column scaled to length 1.
 
-    Of gradients what is symmetric and without trace, as those of the polynomials are: the rest moves no coefficient.
+    Only the symmetric, traceless part of gradients enters; the polynomials have no other part.
 
-    The nodes lie in mirror planes x, y, z = 0 of the local coordinates, and each harmonic is even or odd in each of
-    these. Sums and differences of the values at nodes and their images, as large together as the values (an orthogonal
-    matrix), so divide the unknowns into eight systems, each over an eighth of the nodes.
+    The nodes are symmetric about the planes x, y, z = 0 of the local coordinates, and each harmonic is even or odd in
+    each coordinate. So sums and differences of values at mirror nodes (an orthogonal transform) divide the unknowns
+    into eight systems, each over an eighth of the nodes.
     """
     grid, at = data.grid, np.ix_(*chosen)
     n, fields = [len(axis) for axis in chosen], len(data.field_names)
@@ -95,7 +95,7 @@ def _fit(data: MapData, chosen: Sequence[NDArray[np.intp]], degree: int, length:
         for axis, size, spacing in zip(chosen, grid.shape, grid.spacing, strict=True)
     ]
     local = np.stack(np.meshgrid(*halves, indexing="ij"), axis=-1).reshape(-1, 3)
-    # What an even or odd function has twice counts twice; odd ones are zero in their plane.
+    # The root of 2 of the transform, for nodes with an image. Odd functions are zero in the mirror plane.
     twice = np.prod(np.where(local != 0.0, np.sqrt(2.0), 1.0), axis=1)[:, None, None]
     of_gradient = GRADIENT_WEIGHT * _five_entries(gradient_matrix(degree, local))
     design = twice * np.concatenate([field_matrix(degree, local), of_gradient], axis=1)
@@ -114,14 +114,15 @@ def _fit(data: MapData, chosen: Sequence[NDArray[np.intp]], degree: int, length:
 
 def _least_squares(design: Array, values: Array) -> Array:
     scale = np.linalg.norm(design, axis=0)
-    # The triangle alone, of matrix and values together: a third of the work of an orthogonal matrix of all rows.
+    # The R factor of matrix and values together takes a third of the work of a full QR factorisation.
     triangle = np.asarray(np.linalg.qr(np.concatenate([design / scale, values], axis=1), mode="r"))
     unknowns = len(scale)
-    # Of a triangle the factors are the triangle itself.
+    # The LU factors of an upper triangle are the identity and the triangle itself.
     return np.linalg.solve(triangle[:unknowns, :unknowns], triangle[:unknowns, unknowns:]) / scale[:, None]
 
 
-# Of three components of the field, and five entries of the gradient: where each is odd if the potential is even.
+# For three components of the field and five entries of the gradient: 1 where their parity in x, y, z differs from that
+# of the potential.
 _CHANGED = np.array(
     [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 0], [0, 0, 0], [1, 1, 0], [1, 0, 1], [0, 1, 1]], dtype=np.intp
 )
@@ -153,7 +154,7 @@ def _even_and_odd(values: Array) -> dict[tuple[int, ...], Array]:
 
 
 def _five_entries(gradient: Array) -> Array:
-    """Gradients (n, 3, 3, ...) as (n, 5, ...) of the same length: their symmetric parts without trace."""
+    """Symmetric, traceless parts of gradients (n, 3, 3, ...) as (n, 5, ...) with the same norm."""
     xx, yy, zz = gradient[:, 0, 0], gradient[:, 1, 1], gradient[:, 2, 2]
     entries = [(xx - yy) / np.sqrt(2.0), (2.0 * zz - xx - yy) / np.sqrt(6.0)]
     entries += [(gradient[:, i, j] + gradient[:, j, i]) / np.sqrt(2.0) for i, j in ((0, 1), (0, 2), (1, 2))]

@@ -1,7 +1,7 @@
 """One harmonic polynomial per cell: curl- and divergence-free to rounding, fitted to the cell's eight corners.
 
-docs/theory/lookup.md (4), (5). Every cell is fitted by itself, so a cell at the boundary is as good as one inside,
-and the fit of all cells is one matrix product.
+docs/theory/lookup.md (4), (5). Every cell is fitted by itself, so cells at the boundary are as accurate as inner cells.
+The fit of all cells is one matrix product.
 """
 
 import itertools
@@ -22,11 +22,12 @@ SIZE = (DEGREE + 1) ** 2
 NAME = "harmonic"
 CORNERS = np.array(list(itertools.product((0, 1), repeat=3)))
 
-# Weight of a gradient times half a spacing against a field. Measured: from 0.1 to 0.5 the errors of field and
-# gradient at places between the nodes stay within 35 % of their smallest; below, the fit leans on few equations.
+# Weight of half a spacing times the gradient, relative to the flux density. From 0.1 to 0.5 the measured errors of both
+# between the nodes stay within 35 % of their minimum; below 0.1 the fit rests on few equations.
 GRADIENT_WEIGHT = 0.3
 
-# On a face a difference of fields is a polynomial of degree 4 in two variables, known from 5 x 5 Chebyshev points.
+# On a face the difference of two cells' fields is a polynomial of degree 4 in two variables. It is determined by 5 x 5
+# Chebyshev points, with this Lebesgue constant.
 NODES = np.cos((2 * np.arange(5) + 1) * np.pi / 10)
 LEBESGUE = (np.sum(1 / np.tan((2 * np.arange(5) + 1) * np.pi / 20)) / 5) ** 2
 
@@ -39,7 +40,7 @@ def cell_form(data: MapData | LargeMap, outside: str) -> Form:
     data
         The map.
     outside
-        Rule of points outside the box, as for `fieldmap.lookup.open_map`.
+        Rule for points outside the box, as for `fieldmap.lookup.open_map`.
 
     Returns
     -------
@@ -63,8 +64,7 @@ def cell_form(data: MapData | LargeMap, outside: str) -> Form:
 
 
 class CellFit:
-    """Fits the polynomials in the cells of a grid, of any cells between two planes at a time. length: unit of their
-    coordinates, m."""
+    """Fits the polynomials in the cells between two planes of a grid at a time. length: unit of coordinates, m."""
 
     def __init__(self, grid: Grid) -> None:
         self.grid = grid
@@ -75,7 +75,7 @@ class CellFit:
         self._mean = regular_table(DEGREE, corners).mean(axis=0)[1:]
 
     def header(self, n_coils: int, outside: str, grid: Grid | None = None) -> Array:
-        """Header of a block of these cells, or of those of a part of the grid."""
+        """Header of a block of these cells, or of the cells of `grid`, a part of the grid."""
         return header(HARMONIC, grid or self.grid, n_coils, outside, DEGREE, self.length)
 
     def slab(self, flux: Array, gradient: Array, potential: Array) -> tuple[Array, Array]:
@@ -88,7 +88,7 @@ class CellFit:
         gradient
             (n_coils, 2, ny, nz, 3, 3).
         potential
-            (n_coils, 2, ny, nz), T m/A, that of `node_potential`.
+            (n_coils, 2, ny, nz), T m/A, from `node_potential`.
 
         Returns
         -------
@@ -98,7 +98,7 @@ class CellFit:
         values = _corner_values(flux, gradient, self.length)
         coefficients = np.empty((*values.shape[:-1], SIZE))
         coefficients[..., 1:] = values @ self._solve.T
-        # The mean of the potential at a cell's corners is that of its nodes.
+        # The constant makes the polynomial and the potential at the nodes have the same mean over a cell's corners.
         at_nodes = np.moveaxis(potential, 0, 3) / self.length
         _, ny, nz, _ = at_nodes.shape
         mean = np.zeros(values.shape[:-1])
@@ -116,7 +116,7 @@ def _design(corners: Array) -> Array:
 
 
 def _corner_values(flux: Array, gradient: Array, length: float) -> Array:
-    """(ny - 1, nz - 1, n_coils, 96): what the design matrix should give in the cells between two planes of nodes."""
+    """Right-hand sides (ny - 1, nz - 1, n_coils, 96) of the fits in the cells between two planes of nodes."""
     n_coils, _, ny, nz, _ = flux.shape
     values = np.empty((ny - 1, nz - 1, n_coils, 96))
     of_field = values[..., :24].reshape(ny - 1, nz - 1, n_coils, 8, 3)
@@ -139,9 +139,9 @@ def _misfit(residual: Array, data: MapData) -> Array:
 
 
 def jump_between_cells(form: Form, info: MapInfo) -> Jump:
-    """The jump of a form over all faces between its cells: at 5 x 5 Chebyshev points of every face.
+    """The jump of a form at 5 x 5 Chebyshev points of every face between its cells.
 
-    The bound is that times the Lebesgue constant 3.96 of these points (docs/theory/lookup.md (7)).
+    The bound is the jump times the Lebesgue constant 3.96 of these points (docs/theory/lookup.md (7)).
 
     Parameters
     ----------

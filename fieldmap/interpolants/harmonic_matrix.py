@@ -1,4 +1,4 @@
-"""What a harmonic polynomial gives at points, as a matrix on its coefficients."""
+"""Matrices from the coefficients of a harmonic polynomial to its derivatives at points."""
 
 from functools import cache
 from itertools import combinations_with_replacement
@@ -28,17 +28,16 @@ def gradient_matrix(degree: int, points: Array) -> Array:
 
 
 def _derived(table: Array, degree: int, i: int) -> Array:
-    """table (n, degree^2) @ derivative_matrix(degree, i), of whose columns nearly all is zero."""
+    """table (n, degree^2) @ derivative_matrix(degree, i), a matrix with at most two entries a column."""
     harmonics, shares = _two_harmonics(degree, i)
-    # Of degree 1 there is one harmonic to sum.
+    # For degree 1 there is only one harmonic to sum.
     first, *second = [share * table[:, k] for k, share in zip(harmonics, shares, strict=True)]
     return np.asarray(first + second[0] if second else first)
 
 
 @cache
 def _two_harmonics(degree: int, i: int) -> tuple[NDArray[np.intp], Array]:
-    """The two harmonics (2, (degree + 1)^2) that a derivative of each is a sum of at most, and their shares; of degree
-    1 the one that there is."""
+    """The harmonics (2, (degree + 1)^2) that sum to each derivative, and their factors; one row for degree 1."""
     matrix = derivative_matrix(degree, i)
     rows = np.sort(np.argsort(-np.abs(matrix), axis=0, kind="stable")[:2], axis=0)
     return rows, np.take_along_axis(matrix, rows, axis=0)

@@ -19,7 +19,7 @@ def hermite_form(data: MapData | LargeMap, outside: str) -> Form:
     data
         The map.
     outside
-        Rule of points outside the box, as for `fieldmap.lookup.open_map`.
+        Rule for points outside the box, as for `fieldmap.lookup.open_map`.
 
     Returns
     -------
@@ -48,8 +48,8 @@ def nodal_coefficients(values: Array, gradient: Array, spacing: Array) -> Array:
     (nx, ny, nz, n_channels, 3); layout: fieldmap/core/hermite.h.
 
     Only mixed derivatives are estimated: f_xy is the mean of the differences of f_x along y and of f_y
-    along x, and so on; f_xyz is the mean of the differences of the mixed second derivatives. Their error,
-    O(h^4), enters the interpolant as O(h^6): below its own error, at the boundary as well as inside.
+    along x, and so on; f_xyz is the mean of the differences of the mixed second derivatives. Their error O(h^4) enters
+    the interpolant as O(h^6), which is below the error of the interpolant, also at the boundary.
     """
     fx, fy, fz = (gradient[..., axis] * spacing[axis] for axis in range(3))
     fxy = 0.5 * (difference(fx, 1) + difference(fy, 0))

@@ -1,8 +1,8 @@
 """Any field by its name: a device file, the name of a shipped device, or a map file.
 
-`open_field` gives a `Field`: a map is opened, a device is solved. `find_source` reads and checks the file first, and
-solves when its `field` is asked for. Depends on the packages that make fields and on those that use them; plots and
-commands import it.
+`open_field` gives a `Field`: it opens a map, and solves a device. `find_source` only reads and checks the file; the
+`field` of its result is solved at the first access. Depends on the packages that make fields and that use them; plots
+and commands import it.
 """
 
 from fieldmap.io.field_source import (

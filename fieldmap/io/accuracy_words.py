@@ -1,4 +1,4 @@
-"""How exact a map is, in words: mesh, interpolation between its nodes, and current model."""
+"""The accuracy of a map in words: mesh, interpolation between its nodes, and current model."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fieldmap.store import FieldError
 from fieldmap.store.stated_accuracy import GRADIENT, HELD_OUT
 
 TRAINED_ON = "trained on"
-"""The kind of the states that a current model was trained on, among those at which it was tried."""
+"""The kind of tested states that a current model was trained on."""
 _KINDS = {"searched for": "found by a search", TRAINED_ON: "of the training"}
 
 
@@ -37,7 +37,7 @@ def accuracy_words(summary: MapSummary) -> Iterator[tuple[str, str]]:
     Yields
     ------
     tuple of str
-        The kind of error, and its size in words. A map that is linear in the currents has no current model.
+        The kind of error, and its size in words. Only a map of saturating iron has a current model.
     """
     of = summary.accuracy
     if of.meshed:
@@ -56,7 +56,7 @@ def accuracy_words(summary: MapSummary) -> Iterator[tuple[str, str]]:
 
 
 def _linkages(share: float, states: int, inductance_share: float = 0.0, inductance_states: int = 0) -> str:
-    """Errors of the flux linkages that saturating iron adds, and of inductances where these are known."""
+    """Errors of the flux linkages that saturating iron adds, and of inductances if these were tested."""
     said = f"largest error {100 * share:.2g} % of the iron's largest flux linkage, at {states} states"
     if not inductance_states:
         return said
@@ -64,7 +64,7 @@ def _linkages(share: float, states: int, inductance_share: float = 0.0, inductan
 
 
 def _reaction(of: ReactionOfMap, payload: Payload | None) -> str:
-    """The iron's reaction to magnets, and what it does to the payload."""
+    """The iron's reaction to magnets, and its force on the payload."""
     changed = f", changed by up to {100 * of.change:.2g} % at the largest currents" if of.change else ""
     lines = [
         f"of the iron to magnets: {of.fields} fields, largest error {100 * of.error:.2g} %{changed}",
@@ -81,7 +81,7 @@ def _reaction(of: ReactionOfMap, payload: Payload | None) -> str:
 
 
 def _interpolation(summary: MapSummary) -> str:
-    """The bound of the form that `open_map` takes; where there is none, what was sampled of the other form."""
+    """The bound for the default form of `open_map`; without one the sampled error of the Hermite form."""
     of, reference = summary.accuracy, reference_words(summary)
     if of.bound is not None:
         if summary.domain is None:
@@ -115,7 +115,7 @@ def _current_model(summary: MapSummary) -> str:
             + (images.format(one.solved) if one.solved < one.states else "")
             for one in of.tried
         )
-        # Maps of earlier versions were not tried on the states that they were trained on.
+        # Maps of earlier versions were not tested at their training states.
         outside = "" if TRAINED_ON in {one.kind for one in of.tried} else " outside of the training"
         text = (
             f"largest error {_shares(of.current_model)}, relative to the largest of the state{in_units}, at test "
@@ -138,7 +138,7 @@ def _current_model(summary: MapSummary) -> str:
 
 
 def _missed(summary: MapSummary) -> Iterator[str]:
-    """What the recipe asked for, where the model is less accurate; files of before do not say."""
+    """The accuracy that the recipe asks for, if the model missed it. Older files do not state it."""
     missed = summary.missed_accuracy
     if missed is not None:
         within = HELD_OUT * missed.asked
@@ -150,9 +150,8 @@ def _missed(summary: MapSummary) -> Iterator[str]:
 
 
 def _corners(solver: Mapping[str, Any]) -> Iterator[str]:
-    """At which extremes of the currents the model was tried; of iron with hysteresis its history. Of a map of an
-    earlier version that extremes were not searched, and how the corners of the domain were chosen, where not all of
-    them were solved."""
+    """The extremes of the currents at which the model was tested; for iron with hysteresis its history. For a map of an
+    earlier version: that extremes were not searched, and how the solved corners of the domain were chosen."""
     if "level_of_histories" in solver:
         level = ", ".join(f"{i:.4g}" for i in dict.fromkeys(solver["level_of_histories"]))
         yield f"states lie on paths of the currents; the map opens with the history 'shaken' about {level} A"

@@ -1,4 +1,4 @@
-"""What is asked of a named field: B at points with force and torque, where a magnet floats, what current lifts it."""
+"""Questions to a named field: B, force and torque at points, currents of least power, equilibria and lift currents."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from fieldmap.plain import Plain, plain_fields, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-# Where a field is asked at points, and for currents, scipy is not needed: levitation is imported where it is used.
+# Fields at points and currents need no scipy, so levitation, which needs it, is imported inside functions.
 if TYPE_CHECKING:
     from fieldmap.levitation import Equilibrium, LiftCurrent
 
@@ -48,8 +48,8 @@ class ProbedPoint(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Probe(Record):
-    """A field at points. assumptions: what it rests on at these currents. held: which way the moment points and whether
-    it turns, such as "moment down, fixed"; empty without one."""
+    """A field at points. assumptions: of the field at these currents. held: direction of the moment and whether it
+    turns, such as "moment down, fixed"; empty without a moment."""
 
     source: FieldSource
     points: tuple[ProbedPoint, ...]
@@ -73,12 +73,12 @@ def probe(
     moment: Array | MagneticBody | None = None,
     turns: bool = False,
 ) -> Probe:
-    """The field at points, and what it does to a moment or a body.
+    """The field at points, and its force and torque on a moment or a body.
 
     Parameters
     ----------
     source
-        Of `find_source`.
+        Result of `find_source`.
     points
         (n, 3), m.
     currents
@@ -126,10 +126,10 @@ def probe(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LeastPower(Record):
-    """Currents (n_coils,), A, of least power, and what they give at a point.
+    """Currents (n_coils,), A, of least power, and their field and load at a point (`given`).
 
-    asked: force, N, torque, N m, or field, T, each (3,), NaN where a component was left free; or direction (3,), of a
-    magnet that follows the field. limit: of every current, A; None without one.
+    asked: force, N, torque, N m, or field, T, each (3,), with NaN for a free component; or direction (3,) of a magnet
+    that follows the field. limit: of every current, A; None without one.
     """
 
     source: FieldSource
@@ -140,7 +140,7 @@ class LeastPower(Record):
 
     @property
     def sum_of_squares(self) -> float:
-        """Of the currents, A^2: their power if all coils have one resistance, per ohm."""
+        """Sum of the squares of the currents, A^2: their power per ohm if all coils have the same resistance."""
         return float(self.currents @ self.currents)
 
     def to_dict(self) -> dict[str, Plain]:
@@ -167,33 +167,33 @@ def least_power(
     least_field: float = 0.0,
     **asked: Array | None,
 ) -> LeastPower:
-    """The currents of least power that give what is asked for at a point.
+    """The currents of least power that meet a demand at a point.
 
     Parameters
     ----------
     source
-        Of `find_source`.
+        Result of `find_source`.
     at
         Point (3,), m.
     moment
         (3,), A m^2, or an upright body.
     limit
-        Of each current, A; none unless given.
+        Largest magnitude of each current, A; none unless given.
     least_field
-        With a direction: B along it, T, is at least this.
+        With a direction: least B along it, T.
     **asked
-        force, torque, both on the moment, and field: each (3,), NaN for a free component. direction (3,): B points that
-        way, and with it a moment of the size of the given one.
+        force and torque on the moment, and field: each (3,), NaN for a free component. direction (3,): B points along
+        it, and so does the moment, with the magnitude of the given one.
 
     Returns
     -------
     LeastPower
-        The currents, and what they give.
+        The currents, and their field and load.
 
     Raises
     ------
     Infeasible
-        Where the limit does not allow it; with what can be had.
+        If the limit excludes the demand; the error states what is possible.
     InputError, OutsideMapError and NotConverged
         As `fieldmap.lookup.currents_for` raises them.
     """
@@ -222,7 +222,7 @@ def lift_force(payload: Payload | None, coils: int) -> Array:
     payload : Payload or None
         None raises InputError.
     coils : int
-        Number of coils. One or two coils cannot hold three components: those along x and y stay free.
+        Number of coils. One or two coils cannot hold three components, so x and y stay free.
 
     Returns
     -------
@@ -253,20 +253,20 @@ class Levitation(Record):
 
     @property
     def reading_mm(self) -> float | None:
-        """What the machine's vertical sensor reads, mm; None for a machine whose sensor nobody measured."""
+        """Reading of the machine's vertical sensor, mm; None for a machine without a measured sensor."""
         if self.machine is None:
             return None
         return self.machine.reading_mm(float(self.found.position[2]), self.payload.magnet_offset)
 
     @property
     def measured_current(self) -> float | None:
-        """The current in each coil, A, that was measured at this reading; None for other machines."""
+        """The measured current in each coil at this reading, A; None if nothing was measured."""
         reading = self.reading_mm
         return None if self.machine is None or reading is None else self.machine.lift_current(reading)
 
     @property
     def current_limit(self) -> float | None:
-        """What the driver gives at most, A per coil."""
+        """Largest current of the driver, A per coil."""
         return None if self.source.driver is None else self.source.driver.current_limit
 
     def to_dict(self) -> dict[str, Plain]:
@@ -298,18 +298,18 @@ def floating(
     start: Array | None = None,
     moment: str | None = None,
 ) -> Levitation:
-    """Where the payload floats at given currents; otherwise as `find_equilibrium`.
+    """The place where the payload floats at given currents, found by `find_equilibrium`.
 
     Parameters
     ----------
     source
-        Of `find_source`.
+        Result of `find_source`.
     payload
-        What is levitated.
+        The levitated payload.
     currents
         (n_coils,), A.
     start
-        Where the search begins (3,), m; the whole box unless given.
+        Place where the search begins (3,), m; unless given, the whole box is searched.
     moment
         Model of the magnet, as for `find_equilibrium`.
 
@@ -321,7 +321,7 @@ def floating(
     Raises
     ------
     NoEquilibrium
-        Where there is none.
+        If there is none.
     """
     from fieldmap.levitation import find_equilibrium
     from fieldmap.levitation.places import check_centre
@@ -343,14 +343,14 @@ def lifted(
 ) -> Levitation:
     """The common current that carries the payload on the z axis.
 
-    A map of saturating iron is searched from its reference currents on.
+    In a map of saturating iron the search begins at the mean of the reference currents.
 
     Parameters
     ----------
     source
-        Of `find_source`.
+        Result of `find_source`.
     payload
-        What is levitated.
+        The levitated payload.
     height
         z of the magnet, m.
     on_state
@@ -364,9 +364,9 @@ def lifted(
     Raises
     ------
     Infeasible
-        Where the field does not lift.
+        If the field does not lift the payload.
     OutsideMapError
-        For a place or a current beyond the map.
+        For a place or a current outside the map.
     """
     from fieldmap.levitation import lift_current
     from fieldmap.levitation.places import check_centre
@@ -383,12 +383,12 @@ def lifted(
 
 
 def require_box(source: FieldSource) -> Bounds:
-    """The box in which a magnet may be, before anything is solved.
+    """The box in which a magnet may be. Nothing is solved for it.
 
     Parameters
     ----------
     source
-        Of `find_source`.
+        Result of `find_source`.
 
     Returns
     -------
@@ -398,7 +398,7 @@ def require_box(source: FieldSource) -> Bounds:
     Raises
     ------
     InputError
-        For a source without one.
+        For a source without a box.
     """
     if source.bounds is None:
         remedy = "add a [workspace] table to the device file"

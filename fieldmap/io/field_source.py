@@ -1,4 +1,4 @@
-"""From a name to a field: what lies behind it, read and checked before anything is solved."""
+"""From a name to a field: the file is read and checked before anything is solved."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fieldmap.device.model import Device, Driver, Payload
 from fieldmap.errors import InputError, MapFileError
 from fieldmap.field import AnyField, Bounds, Currents, Field, as_field, coil_currents
 from fieldmap.records import Record
-from fieldmap.shipped import is_file
+from fieldmap.shipped import is_file, shipped_alone
 from fieldmap.store import map_path
 from fieldmap.store.field_mesh import is_hdf5
 from fieldmap.typing import Array, PathLike, Progress
@@ -29,10 +29,10 @@ _MAP_SUFFIXES = {".h5", ".hdf5"}
 class IronOptions(Record):
     """How the iron of a device is solved.
 
-    mu_r: one relative permeability for all iron; that of the file if None. nonlinear: iron that saturates, one state
-    for each set of currents. refinement divides the mesh sizes of the file. form: "potential", "flux",
-    "surface", or "auto".
-    tolerance: refine until the estimated error of B in the workspace is below this (linear iron only).
+    mu_r: one relative permeability for all iron; None for the permeabilities of the file. nonlinear: iron that
+    saturates, with one state for each set of currents. refinement divides the mesh sizes of the file. form:
+    "potential", "flux", "surface", or "auto". tolerance: refine until the estimated error of B in the workspace is
+    below this (linear iron only).
     """
 
     mu_r: float | None = None
@@ -44,11 +44,11 @@ class IronOptions(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FieldSource(Record):
-    """A device or a map, read and checked; a device is solved when `field` is asked for first.
+    """A device or a map, read and checked. A device is solved at the first access to `field`.
 
-    name: of the device, or the map file. device_name; kind: "map", "device, linear iron" or "device, nonlinear iron".
-    device: None for a map. payload, driver: of the device, or as the map recorded them. bounds: the map's box, or the
-    box around the device's workspace, None without one.
+    name: of the device, or of the map file. kind: "map", "device, linear iron" or "device, nonlinear iron". device:
+    None for a map. payload, driver: of the device, or of the device text in the map. bounds: box of the map, or box
+    around the device's workspace; None without a workspace. make: opens or solves the field.
     """
 
     name: str
@@ -73,7 +73,7 @@ class FieldSource(Record):
 
     @property
     def nonlinear(self) -> bool:
-        """Whether every set of currents needs a solution of its own."""
+        """Whether every set of currents needs its own solution."""
         return self.kind.endswith("nonlinear iron")
 
     def currents(self, currents: Currents) -> Array:
@@ -98,12 +98,12 @@ class FieldSource(Record):
         return coil_currents(currents, self.coil_names)
 
     def assumptions(self, currents: Currents | None = None) -> tuple[str, ...]:
-        """What the field rests on.
+        """Assumptions of the field.
 
         Parameters
         ----------
         currents
-            At these also what must be known of them, such as iron beyond saturation.
+            If given, notes on the field at these currents are included, such as iron beyond saturation.
 
         Returns
         -------
@@ -123,10 +123,10 @@ def open_field(
     progress: Progress | None = None,
     changes: Mapping[str, Any] | None = None,
 ) -> Field:
-    """The field behind a name.
+    """Open the map, or solve the device, of a name.
 
-    A map is opened. A device is solved: a `LinearSolution`, or with `options.nonlinear` a `NonlinearSolver`,
-    which solves a state for each set of currents.
+    The field of a device is a `LinearSolution`, or with `options.nonlinear` a `NonlinearSolver`, which solves a state
+    for each set of currents.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def open_field(
     progress
         Called as progress(message, fraction) between steps.
     changes
-        Of the device file, as `read_device` takes them.
+        Changed keys of the device file: see `read_device`.
 
     Returns
     -------
@@ -169,7 +169,7 @@ def find_source(
     progress: Progress | None = None,
     changes: Mapping[str, Any] | None = None,
 ) -> FieldSource:
-    """What lies behind a name, read and checked; nothing is solved yet.
+    """Read and check the map or device of a name. Nothing is solved yet.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def find_source(
     progress
         Called as progress(message, fraction) between steps.
     changes
-        Of the device file, as `read_device` takes them.
+        Changed keys of the device file: see `read_device`.
 
     Returns
     -------
@@ -239,7 +239,7 @@ def solve_device(
     InputError and GeometryError
         As the solvers raise them.
     """
-    # Attributes of the package, so that a test or a program may replace them.
+    # The functions are attributes of the package, so that a test or a program may replace them.
     from fieldmap import iron
 
     if options.nonlinear:
@@ -252,7 +252,7 @@ def solve_device(
 
 
 def _until_assembled(progress: Progress) -> Progress:
-    """Without the end of a pass that the solver states when it has assembled: the first state is still to come."""
+    """Progress without the message that the solver is assembled: the first state is still to be solved."""
 
     def tell(message: str, fraction: float) -> None:
         if message != "assembled":
@@ -298,7 +298,7 @@ def refuse_directory(name: PathLike) -> None:
 
 
 def is_map_file(name: PathLike) -> bool:
-    """Whether a name is that of a map file (or of recorded runs) rather than of a device.
+    """Whether a name is the name of a map file (or of recorded runs) and not of a device.
 
     Parameters
     ----------
@@ -313,9 +313,10 @@ def is_map_file(name: PathLike) -> bool:
     Raises
     ------
     InputError
-        For a directory.
+        For a directory that does not have the name of a shipped device or map.
     """
-    refuse_directory(name)
+    if shipped_alone("geometry", name) is None and shipped_alone("maps", name, ending=".h5") is None:
+        refuse_directory(name)
     path = map_path(name)
     return path.suffix.lower() in _MAP_SUFFIXES or (is_file(path) and is_hdf5(path))
 
@@ -336,7 +337,7 @@ def existing_map(name: PathLike) -> Path:
     Raises
     ------
     MapFileError
-        For a file that is not there.
+        For a missing file, and for one that is not HDF5.
     """
     path = map_path(name)
     if not is_map_file(name):
@@ -357,7 +358,7 @@ def named_device(name: PathLike, changes: Mapping[str, Any] | None = None) -> De
     name
         A path or a name.
     changes
-        Of the device file, as `read_device` takes them.
+        Changed keys of the device file: see `read_device`.
 
     Returns
     -------

@@ -1,8 +1,7 @@
 """JSON Schema of files that people write, for editors.
 
-`python -m fieldmap.io.json_schema` rewrites the shipped files. A schema is made from the same classes that the
-reader checks with. It knows keys, types, limits and choices; the rules between keys (an empty workspace, a corner that
-is too round) are the reader's alone.
+`python -m fieldmap.io.json_schema` rewrites the shipped files. A schema is made from the classes of the reader. It
+states keys, types, limits and choices. Only the reader checks rules between keys, such as an empty workspace.
 """
 
 import json
@@ -22,13 +21,13 @@ from fieldmap.studies.machine_fit import FIT
 from fieldmap.studies.reading import STUDY
 
 FILE_KINDS: tuple[FileKind[Any], ...] = (DEVICE, MATERIAL, PLANAR_DEVICE, RECIPE, STUDY, FIT, SCENARIO)
-"""All that people write."""
+"""All kinds of files that people write."""
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 class _WithoutTitles(GenerateJsonSchema):
-    """Without titles made from the names of keys: they would repeat the names, with the case of units lost."""
+    """Leaves out titles made from the names of keys: they would repeat the names, and lose the case of units."""
 
     def field_title_should_be_set(self, schema: Any) -> bool:
         return False

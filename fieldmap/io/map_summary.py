@@ -1,4 +1,4 @@
-"""What a map file holds: device, grid, field in the middle, how exact it is, and what it says beside measurements."""
+"""Summary of a map file: device, grid, field in the middle, accuracy, and comparison with measurements."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ NO_SATURATION = (
     "saturation (docs/recipes.md)."
 )
 
-# Nodes along each edge of the box at which the pull of the iron's reaction is looked at.
+# Points along each edge of the box at which the pull of the iron's reaction is evaluated.
 _LATTICE = 9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MiddleField(Record):
-    """Bz, T, and dBz/dz, T/m, in the middle of the box (3,), m: of 1 A in each coil alone and in all, or at the
-    reference currents of a map of saturating iron; and without any current, where something else makes a field, whose
-    share the numbers of 1 A do not have."""
+    """Bz, T, and dBz/dz, T/m, in the middle of the box (3,), m: for 1 A in each coil alone and in all coils, without
+    the field of fixed sources; for saturating iron at the reference currents. without_currents: field of the fixed
+    sources, if there are any."""
 
     at: Array
     Bz: tuple[float, ...]
@@ -58,8 +58,8 @@ class ErrorShares(Record):
 
 @dataclass(frozen=True, repr=False)
 class TriedStates(Record):
-    """Solved states of one kind at which a current model was tried: so many, so many of them solved
-    (the others are mirror images), and the largest errors found."""
+    """States of one kind at which a current model was tested: their number, the number of solved ones (the others are
+    mirror images), and the largest errors."""
 
     kind: str
     states: int
@@ -69,11 +69,11 @@ class TriedStates(Record):
 
 @dataclass(frozen=True, repr=False)
 class MapAccuracy(Record):
-    """How exact a map is: mesh, interpolation between its nodes, and current model. None: not measured.
+    """Errors of a map: mesh, interpolation between its nodes, and current model. None: not measured.
 
-    meshed: whether there is iron with a mesh, which makes an error. mesh: estimated. bound: certified for lookups by
-    the harmonic form, T and T/m; interpolation: the largest found at sampled points, of the Hermite form.
-    current_model: the largest found at the states `tried`; nothing is tried of a map that is linear in the currents.
+    meshed: whether there is iron with a mesh, which causes an error. mesh: estimated error. bound: certified error of
+    lookups by the harmonic form, T and T/m; interpolation: largest error of the Hermite form at sampled points.
+    tried: tested states of the current model; empty for a map that is linear in the currents.
     """
 
     meshed: bool
@@ -84,7 +84,7 @@ class MapAccuracy(Record):
 
     @property
     def current_model(self) -> ErrorShares | None:
-        """Over all kinds of states tried."""
+        """Largest errors over all kinds of tested states."""
         if not self.tried:
             return None
         found = [one.largest for one in self.tried]
@@ -99,11 +99,10 @@ class MapAccuracy(Record):
 class ReactionOfMap(Record):
     """The iron's reaction to magnets in a map.
 
-    fields: that span it; error: of their number; asymmetry: of the solver's reciprocity; width: of the iron's elements
-    over their distance from the box, the largest; change: of the reaction of saturating iron at the largest currents.
-    pull: largest force on the payload's moment, upright,
-    with all coils off, at nodes of a coarse lattice in the box, N, and its place `at` (3,), m; None without a payload
-    of a moment."""
+    fields: number of fields that span the reaction; error: due to their number; asymmetry: error of the solver's
+    reciprocity; width: largest ratio of the width of an element of the iron to its distance from the box; change: of
+    the reaction of saturating iron at the largest currents. pull: largest force on the payload's upright moment with
+    all coils off, on a coarse lattice of points in the box, N, and its place `at` (3,), m; None without a moment."""
 
     fields: int
     error: float
@@ -119,8 +118,8 @@ class SensorOfMap(Record):
     """A field sensor of a map.
 
     position (3,), m; axis (3,), unit vector. of_currents: reading with 1 A in every coil, or at the reference currents
-    of a map of saturating iron, T. of_payload: what the payload's moment adds, upright in the middle of the box, T;
-    None without one."""
+    of a map of saturating iron, T. of_payload: reading of the payload's upright moment in the middle of the box, T;
+    None without a moment."""
 
     name: str
     position: Array
@@ -131,10 +130,10 @@ class SensorOfMap(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MapSummary(Record):
-    """What `fieldmap info` prints. size: of the file, bytes; lift_source: where measured lift currents are printed;
-    force_fit and shifts: beside what was measured on the machine, if anything was. lift_missing: why the currents that
-    lift the payload were not computed; empty where they were, or there is no payload. reaction: of the iron to magnets;
-    None where the map does not hold it. sensors: of the device, in the order of `FieldMap.readings`."""
+    """The contents of `fieldmap info`. size: of the file, bytes; lift_source: source of the measured lift currents;
+    force_fit and shifts: comparison with measurements on the machine, if there are any. lift_missing: reason why the
+    currents that lift the payload were not computed, or empty. reaction: of the iron to magnets; None if the map does
+    not hold it. sensors: of the device, in the order of `FieldMap.readings`."""
 
     path: Path
     size: int
@@ -151,7 +150,7 @@ class MapSummary(Record):
 
     @property
     def lift_assumptions(self) -> tuple[str, ...]:
-        """How far off the currents that lift the payload are for what stands for its magnets, if it has shapes."""
+        """Error of the lift currents due to the volume rules of the payload's magnets, if these have shapes."""
         if self.payload is None or not self.payload.sized or not self.lift:
             return ()
         from fieldmap.levitation.balance import model_of, rule_stated
@@ -167,18 +166,18 @@ class MapSummary(Record):
 
     @property
     def current_limit(self) -> float | None:
-        """What the driver of the recorded device gives at most, A per coil."""
+        """Largest current of the recorded device's driver, A per coil."""
         driver = None if self.device is None else self.device.driver
         return None if driver is None else driver.current_limit
 
     @property
     def domain(self) -> CurrentDomain | None:
-        """The currents that a map of saturating iron is for; None for a map that holds for any."""
+        """The domain of the currents of a map of saturating iron; None for a map that holds for any currents."""
         return None if self.info.reduced_model is None else self.info.reduced_model.domain
 
     @property
     def saturation(self) -> str:
-        """That a linear map knows no saturation, where its iron has some; otherwise empty."""
+        """A note that a linear map has no saturation, if its device has saturating iron; otherwise empty."""
         from fieldmap.device.materials import keys_of_table
 
         text = self.info.provenance.device_text if self.domain is None else ""
@@ -189,12 +188,12 @@ class MapSummary(Record):
 
     @property
     def missed_accuracy(self) -> MissedAccuracy | None:
-        """How far the current model is off, if by more than was asked for."""
+        """Errors of the current model, if they are larger than the recipe allows."""
         return missed_accuracy(self.info.provenance.solver_report)
 
     @property
     def accuracy(self) -> MapAccuracy:
-        """As the file has it."""
+        """The accuracy stated in the file."""
         info, report = self.info, self.info.provenance.solver_report
         estimate, tried = report.get("error"), []
         for kind, of in report.get("states_tried", {}).items():
@@ -209,7 +208,7 @@ class MapSummary(Record):
         )
 
     def signal_ranges(self) -> dict[str, tuple[float, float]]:
-        """Range of each signal of `domain`; of independent currents by the names of the coils."""
+        """Range of each signal of `domain`, by name; for independent currents by the names of the coils."""
         domain = self.domain
         if domain is None:
             return {}
@@ -263,7 +262,7 @@ class MapSummary(Record):
 
 
 def signal_names(domain: CurrentDomain, coil_names: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of the signals of a domain; of independent currents those of the coils.
+    """Names of the signals of a domain; for independent currents the names of the coils.
 
     Parameters
     ----------
@@ -282,7 +281,7 @@ def signal_names(domain: CurrentDomain, coil_names: tuple[str, ...]) -> tuple[st
 
 
 def summarise_map(path: PathLike) -> MapSummary:
-    """What a map file holds.
+    """Summarise a map file.
 
     Parameters
     ----------
@@ -322,7 +321,8 @@ def summarise_map(path: PathLike) -> MapSummary:
 def _with_lift(
     summary: MapSummary, opened: FieldMap, payload: Payload, machine: MeasuredMachine | None
 ) -> MapSummary:
-    """The same with the currents that lift the payload, beside what was measured; or with what these need."""
+    """The summary with the currents that lift the payload and their comparison with measurements, or with the reason
+    why they are missing."""
     try:
         from fieldmap.levitation.comparison import fit_force, lift_by_height, shifts_beside_measured
     except MissingExtraError as error:
@@ -341,7 +341,7 @@ def _with_lift(
 
 
 def _reaction(opened: FieldMap, payload: Payload | None) -> ReactionOfMap | None:
-    """What the map tells of its reaction, and the largest pull on the payload's moment."""
+    """The reaction as the map's report describes it, and the largest pull on the payload's moment."""
     told = opened.info.provenance.solver_report.get("reaction")
     if opened.reaction is None or told is None:
         return None
@@ -382,11 +382,11 @@ def middle_field(opened: FieldMap) -> MiddleField:
     Returns
     -------
     MiddleField
-        The field there.
+        The field.
     """
     centre = 0.5 * (np.asarray(opened.lower) + np.asarray(opened.upper))
     off = None
-    # Where something else makes a field, and the map knows it with all currents off.
+    # The domain of a map of saturating iron may exclude zero currents.
     with suppress(OutsideMapError):
         if getattr(opened, "fixed_sources", ()):
             off = float(opened.constant_field(centre)[2]), float(opened.constant_gradient(centre)[2, 2])

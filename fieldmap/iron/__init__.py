@@ -2,7 +2,7 @@
 
 from fieldmap.extras import needs
 
-# Its modules need scipy throughout: where it is missing, this is told here for all of them.
+# All modules of this package need scipy. Without scipy, this import raises one error for all of them.
 with needs("make", "fieldmap.iron"):
     import scipy
 

@@ -6,10 +6,10 @@ the mean of the two forms is off by half the gap (Prager and Synge, Quart. Appl.
 the estimate for fields as well. It is no bound: the true field at a point may lie outside of the fields of both forms.
 Both forms have two errors in common: flat faces on round surfaces, and charges constant on each face. These show as a
 change between two meshes, which estimates the error of the coarser one. Where the shares of all faces in the error of B
-are known (`fieldmap.iron.solvers.refinement`), twice their sum is an estimate for the finer one. The smaller of these
-two counts, for the gradient the change alone. The estimate for each source is the larger of that and half the gap.
+are known (`fieldmap.iron.solvers.refinement`), twice their sum is an estimate for the finer one. For B the smaller of
+the two is taken, for the gradient the change. The estimate for each source is the larger of this and half the gap.
 
-Relative errors of B are those of its largest value in the workspace. A gradient may vanish, in a shield or in the
+Errors of B are relative to its largest value in the workspace. A gradient may vanish, in a shield or in the
 middle of a symmetric machine; its errors are relative to the larger of its own largest value and |B| / L. L is half the
 diagonal of the workspace, or the distance from its middle to the nearest iron where that is longer: an error e of the
 gradient then adds at most e times |B| to the field between the middle and the corners, and a small workspace far from
@@ -106,9 +106,8 @@ class ErrorEstimate(Record):
     flux_density, gradient: the estimates; change: (B, gradient) between two meshes, or None if there is only one; gap:
     (B, gradient) between the potential form and the flux form on the same mesh, both_forms: B of the two in the middle
     of the workspace (values, no bounds), or None if only one form can be used; shares: sum of the shares of all faces
-    in the error of B, or None.
-    by_source: the largest errors of B, one for each source, then those of the gradient, in T and T/m and with their
-    places; length: the L of the gradient's scale, m.
+    in the error of B, or None. by_source: the largest errors of B, one for each source, then of the gradient, in T and
+    T/m and with their places; length: the L of the gradient's scale, m.
     """
 
     flux_density: float
@@ -208,9 +207,9 @@ def estimate_error(
 ) -> ErrorEstimate:
     """Estimate at points (n, 3) by comparison with a coarser mesh, with the other form or with both; 0 with neither.
 
-    shares (c,): sums of the shares of all faces in the error of B of every source, where known. growth: the number of
-    faces over that of the coarser mesh, minus 1. Meshes that hardly differ agree whatever their error: where the growth
-    is below `ENOUGH_GROWTH`, the change is multiplied by `ENOUGH_GROWTH` over the growth.
+    shares (c,): sums of the shares of all faces in the error of B of every source, where known. growth: the ratio of
+    faces on this and on the coarser mesh, minus 1. Meshes that hardly differ agree even if their error is large: if the
+    growth is below `ENOUGH_GROWTH`, the change is multiplied by `ENOUGH_GROWTH` over the growth.
     `both_forms` is for the point in the middle of all points.
     """
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
@@ -265,7 +264,7 @@ def _largest_errors(
 
 
 def _by_both_forms(place: Array, sources: tuple[str, ...], one: Array, other: Array) -> BothForms:
-    """Of two fields (c, 3) those of the source whose fields differ most, relative to their size."""
+    """The two values at the source with the largest relative difference between two fields (c, 3)."""
     size = np.linalg.norm(one, axis=1)
     relative = np.linalg.norm(one - other, axis=1) / np.where(size > 0, size, np.inf)
     worst = int(relative.argmax())
@@ -369,9 +368,9 @@ class Tolerance(Record):
         one
             The largest error of the source.
         source
-            Its number among the sources, of which the first are coils.
+            Its number among the sources; the coils come first.
         coils
-            How many coils there are.
+            Number of coils.
 
         Returns
         -------
@@ -389,14 +388,14 @@ class Tolerance(Record):
         return max((relative or 0.0) * one.size, fixed)
 
     def excess(self, estimate: ErrorEstimate, coils: int) -> float:
-        """The largest estimated error over what is allowed.
+        """The largest ratio of an estimated error to the allowed one.
 
         Parameters
         ----------
         estimate
             The estimate.
         coils
-            How many coils there are.
+            Number of coils.
 
         Returns
         -------
@@ -407,19 +406,19 @@ class Tolerance(Record):
         return 0.0 if worst is None else worst[1]
 
     def worst(self, estimate: ErrorEstimate, coils: int) -> tuple[LargestError, float] | None:
-        """The error that is the largest multiple of what is allowed.
+        """The error with the largest ratio to the allowed one.
 
         Parameters
         ----------
         estimate
             The estimate.
         coils
-            How many coils there are.
+            Number of coils.
 
         Returns
         -------
         tuple[LargestError, float] | None
-            The error, and that multiple; None if the estimate's `by_source` is empty.
+            The error, and that ratio; None if the estimate's `by_source` is empty.
         """
         count = max(1, len(estimate.by_source) // 2)
         found = [
@@ -442,7 +441,7 @@ class Tolerance(Record):
 @dataclass(frozen=True, repr=False)
 class MeshStep(Record):
     """One mesh of a run: counts, bytes of its matrix, wall time in s; flux_density, gradient: relative estimates;
-    excess: the largest estimate over what is allowed. These three are None on the first mesh."""
+    excess: the largest ratio of an estimate to the allowed error. These three are None on the first mesh."""
 
     faces: int
     tetrahedra: int
@@ -457,9 +456,9 @@ class MeshStep(Record):
 class ErrorShare(Record):
     """The share of one body in the error of B in the workspace, from the indicators of its faces and elements.
 
-    share: its part of the sum over all bodies; at (3,): the mesher's tetrahedron that has most of it, m; size, wanted:
-    length that the mesher is asked for there, in this and in the next mesh, m; layer: thickness of the first layer
-    where it lies at a sharp edge, m, None elsewhere.
+    share: part of the sum over all bodies; at (3,): the mesher's tetrahedron with the largest part of it, m; size,
+    wanted: element size there that the mesher is asked for, in this and in the next mesh, m; layer: thickness of the
+    first layer at a sharp edge, m, None elsewhere.
     """
 
     body: str
@@ -482,7 +481,7 @@ class ErrorShare(Record):
 
 @dataclass(frozen=True, repr=False)
 class ExpectedCost(Record):
-    """The cost of a mesh that was not solved, predicted from those that were: matrix in bytes, wall time in s."""
+    """The cost of a mesh that was not solved, predicted from solved ones: matrix in bytes, wall time in s."""
 
     faces: int
     tetrahedra: int
@@ -498,12 +497,12 @@ class ExpectedCost(Record):
 
 @dataclass(frozen=True, repr=False)
 class ToleranceReport(Record):
-    """How a run to a tolerance went.
+    """The report of a run to a tolerance.
 
-    ended: one of `ENDS`; steps: its meshes; worst: the error that is the largest multiple of what is allowed, with its
-    place in the workspace, on the mesh of the answer; shares: of the bodies, the largest first; next_mesh: the cost of
-    the next mesh; whole: the cost of a mesh within the tolerance, if the estimate goes on falling as it did. These two
-    are None where the run does not show them.
+    ended: one of `ENDS`; steps: its meshes; worst: the error with the largest ratio to the allowed one, with its place
+    in the workspace, on the mesh of the answer; shares: of the bodies, the largest first; next_mesh: the cost of the
+    next mesh; whole: the cost of a mesh within the tolerance, if the estimate goes on falling as before. Either is None
+    if it cannot be predicted from the run.
     """
 
     asked: Tolerance
@@ -535,8 +534,8 @@ class ToleranceReport(Record):
 def expected_cost(
     steps: Sequence[MeshStep], faces: float, tetrahedra: float, matrix_bytes: float
 ) -> ExpectedCost:
-    """The time is taken to grow with a power of the number of faces. The steps give its exponent, which is kept between
-    1 and 3 (2 where they do not give it)."""
+    """The cost of a mesh. Time grows with a power of the number of faces; the exponent follows from the steps and is
+    kept between 1 and 3 (2 if the steps are too few or too alike)."""
     last, power = steps[-1], 2.0
     if len(steps) > 1 and last.faces > 1.2 * steps[0].faces and steps[0].seconds > 0:
         measured = np.log(last.seconds / steps[0].seconds) / np.log(last.faces / steps[0].faces)
@@ -546,8 +545,8 @@ def expected_cost(
 
 
 def faces_within(steps: Sequence[MeshStep]) -> float | None:
-    """How many faces a mesh within the tolerance would have, by the power of their number with which the excess has
-    fallen so far. None where the exponent is less than a quarter, or without estimates on two meshes that differ."""
+    """Number of faces of a mesh within the tolerance, if the excess goes on falling with the same power of the number
+    of faces. None if the exponent is less than a quarter, or without estimates on two meshes that differ."""
     known = [(np.log(step.faces), np.log(step.excess)) for step in steps if step.excess]
     if not known:
         return None

@@ -28,14 +28,14 @@ from fieldmap.typing import Array, Index
 class MagneticBodies(Record):
     """Connected pieces of iron, numbered from 0: of_element (e,), of_face (m,), number of each charged face's piece.
 
-    Of a mesh of surfaces, the solids stand for the elements.
+    For a mesh of surfaces of_element (s,) is of the solids.
     """
 
     of_element: Index
     of_face: Index
 
     def touched_by(self, mesh: IronMesh | IronSurface, body: str) -> tuple[str, ...]:
-        """Names of all bodies that share a piece of iron with this one, itself included; joints hold them together."""
+        """Names of all bodies in one piece of iron with this one, itself included; joints connect bodies."""
         pieces = np.unique(self.of_element[mesh.body == mesh.body_names.index(body)])
         bodies = np.unique(mesh.body[np.isin(self.of_element, pieces)])
         return tuple(name for k in bodies if (name := mesh.body_names[k]) in mesh.iron_names)
@@ -48,7 +48,7 @@ def magnetic_bodies(mesh: IronMesh | IronSurface, faces: ChargedFaces) -> Magnet
         return MagneticBodies(mesh.pieces, mesh.pieces[mesh.sides[outer, 0]])
     count = len(mesh.points)
     piece = connected(np.column_stack([np.repeat(mesh.tets[:, 0], 3), mesh.tets[:, 1:].ravel()]), count)
-    # Points that no element uses are pieces of their own; number those in use from 0.
+    # Points that no element uses are pieces of their own; the other pieces are numbered from 0.
     used, of_element = np.unique(piece[mesh.tets[:, 0]], return_inverse=True)
     corners = faces.corners[:, 0]
     _, number = np.unique(np.concatenate([mesh.points, corners]), axis=0, return_inverse=True)
@@ -60,16 +60,16 @@ def magnetic_bodies(mesh: IronMesh | IronSurface, faces: ChargedFaces) -> Magnet
 
 
 Mask = NDArray[np.bool_]
-# Exactness of the rule on faces, and on those nearer to others' charges than this many times their own radius.
+# Degree of the rule on faces; degree on faces nearer to the other charges than the third number times their radius.
 _DEGREE, _NEAR_DEGREE, _NEAR_RADII = 4, 8, 6.0
-# A force needs five digits of the coils' field.
+# Decimal digits of the coils' field; a force needs five.
 _DIGITS = 7
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Magnetised(Record):
-    """A device at fixed currents (c,), or part of it: its coils, and where it has iron, mesh, charged faces and density
-    (m,) in T; and the field around it that nothing in it makes."""
+    """A device at fixed currents (c,), or a part of it: its coils and, if it has iron, its mesh, charged faces and
+    their density (m,) in T. background: the field of sources outside the device."""
 
     coils: tuple[Coil, ...]
     currents: Array
@@ -99,8 +99,8 @@ class Magnetised(Record):
 def force_and_torque(device: Magnetised, names: str | Sequence[str], about: ArrayLike) -> tuple[Array, Array]:
     """Force (3,) in N and torque (3,) in N m about a point (3,) on named bodies and coils taken together.
 
-    Raises InputError for a name that is neither a body nor a coil, for a body without all that it touches (iron
-    glued to iron has no force of its own), and for a bad point.
+    Raises InputError for a name that is neither a body nor a coil, for a body named without the bodies that it touches
+    (iron glued to iron has no force of its own), and for a bad point.
     """
     centre = np.asarray(about, dtype=float)
     holds = centre.shape == (3,) and bool(np.isfinite(centre).all())
@@ -118,7 +118,6 @@ def _on_charges(mine: Magnetised, others: Magnetised):
     """Points (n, 3) and forces (n, 3) on charges: sigma B / mu0 over their faces."""
     if mine.faces is None or mine.density is None or others.faces is None:
         return
-    # Faces whose distance from the others' charges is not large against their own size.
     near = cKDTree(others.faces.centres).query(mine.faces.centres)[0] < _NEAR_RADII * mine.faces.radii
     for part, degree in ((~near, _DEGREE), (near, _NEAR_DEGREE)):
         if not part.any():

@@ -1,5 +1,5 @@
-"""What the solvers take of a device's materials: the constant permeability of linear iron, or the laws of iron that
-saturates; and what is assumed with each."""
+"""Data of a device's materials for the solvers: the constant permeability of linear iron, or the laws of iron that
+saturates, each with its assumptions."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from fieldmap.iron.mesh.mesh import IronMesh
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-# An ideal flux barrier is a body of this relative permeability: what it lets through is 1e-4 of what air would.
+# Relative permeability of an ideal flux barrier: it lets through 1e-4 of the flux of air.
 BARRIER_MU_R = 1e-4
 _LINEAR_INSTEAD = "solve it with linear iron: leave --nonlinear out, or in Python call fieldmap.solve_linear"
 
@@ -23,7 +23,7 @@ _LINEAR_INSTEAD = "solve it with linear iron: leave --nonlinear out, or in Pytho
 class BodyProperties(Record):
     """Relative permeability (b,) and remanence (b, 3) in T of every body, and how they were chosen.
 
-    weakest: the smallest permeability of all bodies and of what is in joints.
+    weakest: the smallest permeability of all bodies and joints.
     """
 
     mu_r: Array
@@ -33,7 +33,7 @@ class BodyProperties(Record):
     weakest: float = np.inf
 
     def on(self, mesh: IronMesh) -> "BodyProperties":
-        """With the sheets between bodies, as the mesh numbers them."""
+        """The properties of the mesh's bodies: the sheets between bodies come last."""
         sheets = len(mesh.body_names) - len(self.mu_r)
         if sheets == 0:
             return self
@@ -43,13 +43,13 @@ class BodyProperties(Record):
 
 
 def materials_on(device: Device, mesh: IronMesh) -> list[Material]:
-    """The materials of the bodies of a mesh: those of the device, then the sheets between them."""
+    """The materials of the bodies of a mesh: the device's bodies, then the sheets between them."""
     known = [device.materials[body.material] for body in device.bodies]
     return [*known, *(of_permeability(sheet.name, sheet.mu_r) for sheet in mesh.sheets)]
 
 
 def body_properties(device: Device, mu_r: float | None) -> BodyProperties:
-    """Constant permeability of every body. `mu_r` replaces that of soft iron (not of barriers or magnets).
+    """Constant permeability of every body. `mu_r` replaces the value of soft iron (not of barriers or magnets).
 
     Raises InputError unless mu_r is a finite number > 0.
     """
@@ -67,16 +67,17 @@ def body_properties(device: Device, mu_r: float | None) -> BodyProperties:
         remanence[k] = material.remanence
     joints = (joint.description for joint in device.joints)
     weakest = min([*value, *(joint.mu_r for joint in device.joints)], default=np.inf)
-    return BodyProperties(value, remanence, (*notes, *joints, *background_notes(device)), weakest)
+    return BodyProperties(value, remanence, (*notes, *joints, *device_notes(device)), weakest)
 
 
-def background_notes(device: Device) -> tuple[str, ...]:
-    """That a background acts, in words; nothing without one."""
+def device_notes(device: Device) -> tuple[str, ...]:
+    """Sentences on the device's background and on the keys that were changed in its file; empty without either."""
+    changed = (device.changed,) if device.changed else ()
     if device.background is None:
-        return ()
+        return changed
     flux = ", ".join(f"{1e3 * x:.4g}" for x in device.background.flux_density)
     gradient = "" if device.background.gradient is None else " with a uniform gradient"
-    return (f"background of ({flux}) mT{gradient}, which no current drives",)
+    return (f"background of ({flux}) mT{gradient}, which no current drives", *changed)
 
 
 def _constant_mu_r(material: Material, mu_r: float | None) -> tuple[float, str]:
@@ -93,7 +94,8 @@ def _constant_mu_r(material: Material, mu_r: float | None) -> tuple[float, str]:
 
 
 def require_soft_bodies(device: Device) -> None:
-    """Raise InputError, for all bodies at once, unless every one has a B(H) law with mu_r >= 1, and there is one."""
+    """Raise InputError, with a problem for each fault, unless there are bodies and all of them and all joints have a
+    B(H) law with mu_r >= 1."""
     if not device.bodies:
         must_hold = "there must be iron for a nonlinear solve"
         raise InputError.of(f"device '{device.name}'", must_hold, "no bodies", _LINEAR_INSTEAD)
@@ -114,10 +116,10 @@ def require_soft_bodies(device: Device) -> None:
 
 
 def material_assumptions(device: Device) -> tuple[str, ...]:
-    """What the laws of the device's iron and magnets assume, one sentence each."""
+    """The assumptions of the laws of the device's iron and magnets, one sentence each."""
     notes = []
     for name in dict.fromkeys(body.material for body in device.bodies):
         material = device.materials[name]
         limit = f"; {material.left_out}" if isinstance(material, SaturatingMaterial) else ""
         notes.append(f"{material.role} '{name}': {material.description}{limit}")
-    return (*notes, *(joint.description for joint in device.joints), *background_notes(device))
+    return (*notes, *(joint.description for joint in device.joints), *device_notes(device))

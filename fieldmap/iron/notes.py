@@ -1,7 +1,7 @@
-"""What a solved state rests on, in words: assumptions, iron beyond saturation, iron beyond its B-H law.
+"""Notes on a solved state, in words: assumptions, iron beyond saturation, iron beyond its B-H law.
 
 A linear solution knows no saturation: the notes name linear iron that carries more than iron can. Before a solve they
-list what is in a device: bodies with their volumes, coils, and what the laws of its materials assume.
+list the contents of a device: bodies with their volumes, coils, and the assumptions of its material laws.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from fieldmap.typing import Array
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BodyContents(Record):
-    """One body: volume, m^3; mesh_size, m; how many parts it is built of; axis (3,) of their shapes, if it is one."""
+    """One body: volume, m^3; mesh_size, m; number of parts; axis (3,): the common axis of their shapes, or None."""
 
     name: str
     material: str
@@ -54,7 +54,7 @@ class CoilContents(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DeviceContents(Record):
-    """What `fieldmap check` lists of a device whose geometry is sound."""
+    """The contents of a device with sound geometry, as `fieldmap check` lists them."""
 
     device: Device
     bodies: tuple[BodyContents, ...]
@@ -79,7 +79,7 @@ class DeviceContents(Record):
 
 
 def device_contents(device: Device) -> DeviceContents:
-    """Check the geometry of a device and list what is in it. Raises GeometryError.
+    """Check the geometry of a device and list its contents. Raises GeometryError.
 
     >>> import fieldmap as fm
     >>> (sphere,) = device_contents(fm.read_device("loop_and_sphere")).bodies
@@ -91,7 +91,7 @@ def device_contents(device: Device) -> DeviceContents:
     for body in device.bodies:
         if body.has_own_mesh:
             mesh = own_mesh(body)
-            # In a sound device a mesh fills its tetrahedra.
+            # In a sound device the tetrahedra of a mesh do not overlap.
             volume, size = float(volumes(*mesh).sum()), longest_edge(*mesh)
         else:
             # Solids are built in mm.
@@ -105,7 +105,8 @@ def device_contents(device: Device) -> DeviceContents:
         winding = (coil.height, coil.resistance, coil.inductance)
         coils.append(CoilContents(*kind, place.position, place.rotation[:, 2], *winding))
     payload = () if device.payload is None else device.payload.assumptions
-    return DeviceContents(device, tuple(bodies), tuple(coils), _saturation_laws(device) + payload)
+    changed = (device.changed,) if device.changed else ()
+    return DeviceContents(device, tuple(bodies), tuple(coils), _saturation_laws(device) + payload + changed)
 
 
 def _saturation_laws(device: Device) -> tuple[str, ...]:
@@ -121,7 +122,7 @@ def _saturation_laws(device: Device) -> tuple[str, ...]:
 
 
 WORTH_SAYING = 0.01
-"""Share of a body's volume: at sharp edges |B| grows without bound as the mesh is refined."""
+"""Least share of a body's volume worth a note: at sharp edges |B| grows without bound as the mesh is refined."""
 
 MOST_OF_ANY_IRON = 2.45
 """Polarisation of saturated iron-cobalt, T, the largest of any known material (Bozorth, Ferromagnetism, ch. 6)."""
@@ -142,8 +143,8 @@ class BodyBeyondSaturation(Record):
 
 
 def largest_polarisation(material: Material) -> float:
-    """The polarisation B - mu0 H, T, that a law ends with or tends to; that of saturated iron-cobalt where the device
-    file knows no law, or one that never saturates.
+    """The polarisation B - mu0 H, T, that a law ends with or tends to. For a material without a law, or with one that
+    never saturates, it is `MOST_OF_ANY_IRON`.
 
     >>> from fieldmap.device.model import Froehlich
     >>> largest_polarisation(Froehlich("iron", mu_r=1000.0, saturation=1.5))
@@ -156,19 +157,19 @@ def largest_polarisation(material: Material) -> float:
 def bodies_beyond_saturation(
     solution: LinearSolution, device: Device, currents: ArrayLike
 ) -> tuple[BodyBeyondSaturation, ...]:
-    """Bodies of a linear solution with |B| above what they can polarise. There the answer of linear iron does not hold:
-    solve a nonlinear state.
+    """Bodies of a linear solution with |B| above the largest polarisation of their material. The answer of linear iron
+    does not hold there: solve a nonlinear state.
 
-    In soft iron, whose mu0 H is small beside B, |B| stands for the polarisation.
+    |B| is compared in place of the polarisation, because mu0 H is small against B in soft iron.
 
     Parameters
     ----------
     solution
-        Of linear iron.
+        The solution of linear iron.
     device
-        The one that was solved.
+        The device that was solved.
     currents
-        (c,), A.
+        Currents (c,), A.
 
     Returns
     -------
@@ -207,8 +208,8 @@ def saturates(device: Device) -> bool:
 
 
 def state_notes(device: Device, state: FieldAtCurrents) -> tuple[str, ...]:
-    """What a state of a device rests on: its assumptions, with warnings where linear iron is driven beyond saturation,
-    and how far saturating iron is driven."""
+    """Notes on a state of a device: its assumptions, warnings where linear iron is driven beyond saturation, and how
+    far saturating iron is driven."""
     if isinstance(state, LinearState):
         return (*state.assumptions, *saturation_warnings(state.solution, device, state.currents))
     if isinstance(state, SolvedState):
@@ -219,7 +220,7 @@ def state_notes(device: Device, state: FieldAtCurrents) -> tuple[str, ...]:
 
 
 def saturation_warnings(solution: LinearSolution, device: Device, currents: Array) -> tuple[str, ...]:
-    """A warning for every material of linear iron that carries more than it can polarise, with the bodies."""
+    """A warning for every material of linear iron with |B| above its largest polarisation, with the bodies."""
     warnings: dict[str, str] = {}
     for found in sorted(bodies_beyond_saturation(solution, device, currents), key=lambda body: -body.largest):
         first = (

@@ -1,11 +1,11 @@
-"""The iron's reaction to magnets in the workspace: the field that iron makes because a magnet magnetises it.
+"""The iron's reaction to magnets in the workspace: the field of iron that a magnet has magnetised.
 
-Few fields b_k of charges on the iron's surface span it, with signs s_k: docs/theory/reaction.md, (1) to (3).
+A few fields b_k of charges on the iron's surface span the reaction, with signs s_k: docs/theory/reaction.md (1) to (3).
 
-The fields follow from dipoles on the surface of the workspace, whose fields at the iron span those of all sources
-inside. Those that no others stand for are chosen (pivoted QR of their fields at the iron), the iron is solved for each,
-and the matrix W of their mutual reactions is factored: b = sum of the dipoles' reactions times eigenvectors of W over
-the roots of its eigenvalues (Nystroem's method). W is symmetric up to the error of the discretisation, which is told.
+The fields b_k follow from dipoles on the surface of the workspace. The dipoles' fields at the iron span the fields of
+all sources inside; a pivoted QR factorisation of these fields leaves out redundant dipoles. The iron is solved for each
+remaining dipole, and b is the sum of the dipoles' reactions times eigenvectors of W over the roots of its eigenvalues
+(Nystroem's method), where W is the matrix of mutual reactions. W is symmetric up to the discretisation error.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
 TOLERANCE = 1e-4
-"""Of the solves for single dipoles: it changes the reaction by less (drive unit, eight coils: 5e-5)."""
+"""Tolerance of the solves for single dipoles. The reaction changes by less (drive unit, eight coils: 5e-5)."""
 
-# Dipoles along every edge of the box; whose fields at the iron are within this share of the first are left out.
+# Places of dipoles along every edge of the box. Dipoles are redundant below this pivot of QR, relative to the first.
 _PER_EDGE, _SPANNED = 6, 3e-3
-# Faces of the iron that tell whether they are.
+# Most faces of the iron at which the dipoles' fields are compared.
 _FACES = 1000
-# Places and directions this near, as shares, are the same.
+# Relative. Places and directions that differ by less are the same.
 _SAME = 1e-6
-# So many times as many dipoles are taken as span the fields, if most are images of others.
+# Dipoles with their images are taken up to this multiple of the number of dipoles that spans the fields.
 _MORE = 1.5
-# Dipoles that are solved at a time: their Krylov spaces take memory.
+# Dipoles that are solved together, a bound on the memory of their Krylov spaces.
 _AT_ONCE = 24
-# As many places in the box take part in the choice of the fields as tell their error; most fields.
+# Random places in the box for the choice of the number of fields, and as many others for the error. Most fields.
 _PLACES, _MOST = 2, 64
 _SEED = 58
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _FieldsOfIron(Record):
-    """Fields of charge densities (k, s), T per unit of what magnetises the iron, on faces."""
+    """Fields of charge densities (k, s) on faces, T per unit of the source that magnetises the iron."""
 
     faces: ChargedFaces
     charge: Array
@@ -61,20 +61,21 @@ class _FieldsOfIron(Record):
         Returns
         -------
         tuple[Array, Array]
-            Flux densities (k, n, 3) and their gradients dB_i/dx_j (k, n, 3, 3), by m.
+            Flux densities (k, n, 3) and their gradients dB_i/dx_j (k, n, 3, 3), per m.
         """
         return self.faces.field_and_gradient(points, self.charge)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ReactionFields(_FieldsOfIron):
-    """Fields b_k in the workspace, of charge densities (k, s) on faces, T; T/sqrt(J).
+    """Fields b_k in the workspace, of charge densities (k, s) on faces, T/sqrt(J).
 
-    repelled: of how many, the last, the sign s_k is -1. dipoles: from how many solved ones they were made.
-    asymmetry: largest difference of the reactions of two of them on each other, as a share of the largest.
-    error: of the reaction to a dipole at its own place, and of the force in it, as shares: the largest at places that
-    the choice of the fields did not see. It is that of too few fields, not of the mesh. change: the same of these
-    fields for saturating iron at other currents than those that they belong to, the largest that was tried.
+    repelled: number of fields, the last ones, with the sign s_k = -1. dipoles: number of dipoles and images from which
+    the fields were made. asymmetry: largest difference of the reactions of two dipoles on each other, over the largest
+    reaction. error: relative error of the reaction to a dipole at its own place, or of the force on the dipole, the
+    larger: the largest at places without a part in the choice of the fields. It is due to too few fields, not to the
+    mesh. width: largest edge of the iron's triangles over its distance from the workspace. change: the same error of
+    these fields for saturating iron in other states, the largest of all that were tried.
     """
 
     repelled: int
@@ -111,10 +112,10 @@ class ReactionFields(_FieldsOfIron):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DipoleAnswers(_FieldsOfIron):
-    """The fields of iron that each of k dipoles of 1 A m^2 magnetises: charge densities (k, s) on faces, T/(A m^2).
+    """The fields of iron magnetised by each of k dipoles of 1 A m^2: charge densities (k, s) on faces, T/(A m^2).
 
-    By reciprocity the answer to a dipole along a sensor's axis, in its place, tells what the sensor reads of the iron's
-    reaction to a magnet: the moment times the answer at the magnet (docs/field_sensors.md).
+    The answer to a dipole in a sensor's place, along its axis, gives by reciprocity the sensor's reading of the iron's
+    reaction to a magnet: the magnet's moment times the answer at the magnet (docs/field_sensors.md).
     """
 
 
@@ -128,7 +129,7 @@ def answers_to_sensors(
     solve
         Solves the iron: linear iron, or saturating iron linearised about a state.
     faces
-        Of the iron.
+        The faces of the iron.
     sensors
         The sensors, at least one; they lie in the air.
 
@@ -157,7 +158,7 @@ class Image(Record):
     faces: Index
 
     def keeps(self, lower: Array, upper: Array) -> bool:
-        """Whether it maps a box onto itself."""
+        """Whether the operation maps a box onto itself."""
         corners = np.stack([lower, upper]) @ self.matrix.T + self.offset
         size = np.linalg.norm(upper - lower)
         return bool(np.abs(np.sort(corners, axis=0) - [lower, upper]).max() < _SAME * size)
@@ -178,11 +179,11 @@ def reaction_fields(
     solve
         Solves the iron: linear iron, or saturating iron linearised about a state.
     faces
-        Of the iron.
+        The faces of the iron.
     box
         Lower and upper corner (3,) of the workspace, m; it holds no iron.
     share
-        Wanted error of the reaction to dipoles on the surface of the box, and of their forces, as shares of these.
+        Wanted relative error of the reaction to dipoles on the surface of the box, and of the forces on them.
     others
         The same iron in other states, for `ReactionFields.change`.
     images
@@ -209,7 +210,7 @@ def reaction_fields(
         return None
     values, vectors = eigh(0.5 * (mutual + mutual.T))
     order = np.argsort(-np.abs(values))[:_MOST]
-    # Those that are smaller still are rounding.
+    # Smaller eigenvalues are rounding.
     order = order[np.abs(values[order]) > 1e-9 * np.abs(values[order[0]])]
     values = values[order]
     shapes = vectors[:, order] / np.sqrt(np.abs(values))
@@ -247,7 +248,8 @@ def reaction_fields(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _Own(Record):
-    """What the reaction to each of n dipoles does to it: axes, flux density and force (n, 3); size: of forces (n,)."""
+    """The reaction to each of n dipoles at its own place: axes, flux density and force (n, 3); size (n,) to which
+    errors of the force are relative."""
 
     axes: Array
     flux: Array
@@ -256,15 +258,15 @@ class _Own(Record):
 
     @classmethod
     def of(cls, dipoles: _Dipoles, flux: Array, slope: Array, room: Array) -> _Own:
-        """Of flux density (n, 3) and gradient (n, 3, 3) at the dipoles. room: edges of the box; where symmetry leaves
-        no force, the energy over its diagonal stands for it."""
+        """From flux density (n, 3) and gradient (n, 3, 3) at the dipoles. room: edges of the box. Symmetry may leave no
+        force: the size is the force, or the energy over the box's diagonal if that is larger."""
         force = np.einsum("ni,nij->nj", dipoles.axes, slope)
         energy = np.linalg.norm(flux, axis=1) / np.linalg.norm(room)
         return cls(dipoles.axes, flux, force, np.maximum(np.linalg.norm(force, axis=1), energy))
 
     def missed(self, signs: Array, fields: Array, gradients: Array) -> Array:
-        """Shares (k, n) of flux density or force, the larger, that the first of fields (k, n, 3), the first two, and so
-        on leave out."""
+        """Relative errors (k, n) of flux density or force, the larger, with the first of fields (k, n, 3), the first
+        two, and so on."""
         weights = signs[:, None] * np.einsum("kni,ni->kn", fields, self.axes)
         flux = np.cumsum(weights[..., None] * fields, axis=0) - self.flux
         force = np.cumsum(np.einsum("kn,ni,knij->knj", weights, self.axes, gradients, optimize=True), axis=0)
@@ -287,13 +289,13 @@ class _Dipoles(Record):
         return _Dipoles(self.points[of], self.axes[of])
 
     def potentials(self, x: Array) -> Array:
-        """(n, m), T m, at points x (m, 3)."""
+        """Potentials (n, m), T m, at points x (m, 3)."""
         offset = x - self.points[:, None]
         square = np.einsum("nmi,nmi->nm", offset, offset)
         return np.einsum("nmi,ni->nm", offset, self.axes) / (4.0 * np.pi * square * np.sqrt(square))
 
     def flux_densities(self, x: Array) -> Array:
-        """(n, m, 3), T, at points x (m, 3)."""
+        """Flux densities (n, m, 3), T, at points x (m, 3)."""
         offset = x - self.points[:, None]
         square = np.einsum("nmi,nmi->nm", offset, offset)
         along = 3.0 * np.einsum("nmi,ni->nm", offset, self.axes) / square
@@ -317,7 +319,7 @@ def _shell(lower: Array, upper: Array) -> Array:
 
 
 def _spanning(candidates: Array, faces: ChargedFaces) -> _Dipoles:
-    """Dipoles whose normal fields at the iron span those of dipoles at all candidates (n, 3), the most needed first."""
+    """Dipoles whose normal fields at the iron span the fields of dipoles at all candidates (n, 3), by pivoted QR."""
     few = faces.part(np.arange(0, len(faces.areas), 1 + len(faces.areas) // _FACES))
     dipoles = _Dipoles.along_all_axes(candidates)
     rows = [
@@ -329,8 +331,8 @@ def _spanning(candidates: Array, faces: ChargedFaces) -> _Dipoles:
 
 
 def _with_images(solve: Magnetised, wanted: _Dipoles, images: Sequence[Image]) -> tuple[_Dipoles, Array]:
-    """As many of these dipoles with their images as were wanted, or a few more, and the charge densities for each. One
-    of each set of images is solved for."""
+    """The first of the wanted dipoles, with their images, until there are `_MORE` times as many as wanted, and the
+    charge densities for each. One dipole of each set of images is solved."""
     size = np.abs(wanted.points).max()
     taken: list[tuple[int, Array, Array, Index | None, float]] = []
     solved: list[int] = []
@@ -342,7 +344,7 @@ def _with_images(solve: Magnetised, wanted: _Dipoles, images: Sequence[Image]) -
             place, along, faces = point, axis, None
             if image is not None:
                 place, along, faces = image.matrix @ point + image.offset, image.matrix @ axis, image.faces
-            # A dipole along -x is that along x, times -1.
+            # A dipole along -x is a dipole along x times -1.
             sign = float(np.sign(along[np.abs(along).argmax()]))
             near = (
                 np.abs(place - x).max() < _SAME * size and abs(along @ a) > 1.0 - _SAME

@@ -1,10 +1,8 @@
-"""What a solve cost and how well it went; progress and time of its steps.
+"""The report of a solve, progress and time of its steps, and warnings of thin gaps.
 
-Faces that look at each other across a gap which is thin against them: what crosses it is not to be trusted.
-
-Flat, parallel gaps between pieces of iron are meshed as sheets (`fieldmap.iron.geometry.thin_gaps`). What is left are
-gaps between curved or slanting faces, gaps that another one holds open, slots within one body, and bodies that are
-meshes: there the elements of one side do not lie on those of the other.
+Flux across a gap is inaccurate if the gap is thin against the faces on both sides. Flat, parallel gaps between pieces
+of iron are meshed as sheets (`fieldmap.iron.geometry.thin_gaps`). The warnings name all other gaps: gaps between curved
+or slanting faces, gaps that another gap holds open, slots within one body, and gaps of bodies that are meshes.
 """
 
 import time
@@ -23,13 +21,13 @@ from fieldmap.records import Record, count_of
 
 # A gap below this share of the width of a face is thin: forces across are off by two per cent and more.
 _THIN = 1 / 5
-# Cosine of normals that look at each other, and how far apart faces may lie along themselves, in their radii.
+# Largest cosine between the normals of facing faces, and their largest offset along the faces, in radii.
 _FACING, _BESIDE = -0.9, 0.5
 _NEIGHBOURS = 4
 
 
 def thin_gap_warnings(iron: AssembledIron) -> tuple[str, ...]:
-    """One for each pair of bodies, with the width of the gap and that of the faces there."""
+    """One warning for each pair of bodies, with the widths of the gap and of the faces there."""
     faces = iron.surface
     if len(faces.areas) < 2:
         return ()
@@ -73,9 +71,9 @@ class SolverReport(Record):
     seconds: wall time per step; assumptions: everything the result rests on that the device file or the caller
     chose; largest_flux_density: in the iron, T (nonlinear iron only); beyond_table: elements whose field strength
     lies above the last point of their B-H table; below_table: below the first; error: estimate, where one was made;
-    continuation: shares of the currents that had to be solved on the way, because Newton's method failed at all of
-    them at once; symmetry: what of the iron's symmetry was found and used, in words; refinement: surface faces and
-    estimated error of B of every mesh that was estimated on the way to a tolerance; tolerance: how that went.
+    continuation: shares of the currents that were solved on the way, because Newton's method failed at the full
+    currents; symmetry: the iron's symmetry and its use, in words; refinement: surface faces and estimated error of B of
+    every mesh that was estimated on the way to a tolerance; tolerance: the report of that run.
     """
 
     form: str
@@ -101,7 +99,7 @@ class SolverReport(Record):
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> "SolverReport":
-        """The report that `dataclasses.asdict` has made plain, also after JSON.
+        """The report from the result of `dataclasses.asdict`, also after JSON.
 
         Parameters
         ----------
@@ -123,7 +121,7 @@ class SolverReport(Record):
         return sum(self.seconds.values())
 
     def card_rows(self) -> dict[str, str]:
-        """What it is, size and error, for a card in a notebook."""
+        """Rows of a card in a notebook: bodies, size, error, residual, time and assumptions."""
         return {
             "iron": f"{count_of(self.magnetic_bodies, 'magnetic body', 'magnetic bodies')}, symmetry: {self.symmetry}",
             "size": f"{self._size}, {self.matrix_bytes / 1e6:.0f} MB",
@@ -155,7 +153,7 @@ class SolverReport(Record):
         return f", in steps of the currents ({shares} %)" if shares else ""
 
     def _outside(self) -> str:
-        """How much of the iron the extensions of its laws speak for."""
+        """The share of the iron outside the range of its B-H laws, as text."""
         sides = ((self.below_table, "below the first point"), (self.beyond_table, "above the last point"))
         words = [
             f"{100 * count / self.tetrahedra:.3g} % of the elements {side}" for count, side in sides if count
@@ -194,7 +192,7 @@ Progress = Callable[[str, float], None]
 
 
 class Stages:
-    """Tells `progress(message, fraction)` when a step begins and keeps the wall time of each."""
+    """Calls `progress(message, fraction)` when a step begins, and keeps the wall time of each step."""
 
     def __init__(self, progress: Progress | None) -> None:
         self._progress = progress

@@ -1,8 +1,8 @@
-"""Flux through a plane cut out of iron: what is conserved, not the field at the cut.
+"""Flux through a plane section of iron, by the flux that the nodes' equations conserve.
 
 B of the potential form is free of divergence only in the mean, in the equation of each node. In elements at an inner
-corner it is wrong by tens of per cent. Take a function v that is 1 at the corners of elements above the plane and 0 at
-those below, and linear between them. With the step s at the plane, a field without divergence has the flux
+corner it is wrong by tens of per cent. Take a function v that is 1 at the corners of elements above the plane, 0 at
+corners below, and linear between. With the step s at the plane, a field without divergence has the flux
 
     int B . n dA  =  int B . grad v dV  +  int (s - v) B . n dS,
 
@@ -10,9 +10,9 @@ over the elements that the plane cuts, and over the faces of all of these to the
 conserve the first integral. The second is small. It takes B . n on the iron's surface from the air, where it is known
 best.
 
-A section that ends within the iron, at a half width or at another body, has a border that no equation knows. There B
-is integrated over the cut, in triangles whose corners are barycentric coordinates of the element, and the error of the
-flux is of the first order in that of B.
+A section that ends within the iron, at a half width or at another body, has a border at which no equation conserves
+flux. Then B is integrated over the cut, in triangles whose corners are barycentric coordinates of the element, and the
+error of the flux is of the first order in the error of B.
 """
 
 from collections.abc import Callable
@@ -62,7 +62,7 @@ class SectionFlux(Record):
 
 
 def named_section(sections: tuple[Section, ...], section: str | Section) -> Section:
-    """The section itself, or that of a name. Raises InputError for a name that the device file does not have."""
+    """The section itself, or the section of a name. Raises InputError for a name that the device file does not have."""
     if isinstance(section, Section):
         return section
     by_name = {known.name: known for known in sections}
@@ -86,8 +86,8 @@ def section_flux(
         raise no_iron_at(section)
     normal = np.asarray(section.normal, dtype=float)
     normal = normal / np.linalg.norm(normal)
-    # Iron that ends in the plane is cut from one side only. Where the plane runs on in the surface of the iron, the
-    # side counts on which it does so less.
+    # Iron that ends in the plane is cut from one side only. If parts of the iron's surface lie in the plane beside the
+    # section, the side with the smaller area of these is taken.
     sides = [cut_by_plane(mesh, section, side) for side in (normal, -normal)]
     turned, cut = min(enumerate(sides), key=lambda one: (one[1].area == 0.0, one[1].beside))
     if cut.area == 0.0:
@@ -147,8 +147,8 @@ class PlaneCut(Record):
 
 
 def cut_by_plane(mesh: IronMesh, section: Section, normal: Array) -> PlaneCut:
-    """What the plane of a section cuts out of the elements of its bodies, within its half widths. Points in the plane
-    are above it."""
+    """The cut of a section's plane through the elements of its bodies, within its half widths. Points in the plane
+    count as above it."""
     count, snap = len(mesh.tets), SNAP * float(np.ptp(mesh.points, axis=0).max())
     height = (mesh.points - np.asarray(section.origin, dtype=float)) @ normal
     height[np.abs(height) < snap] = 0.0
@@ -261,7 +261,7 @@ def _cut_elements(element: Index, height: Array) -> tuple[Index, Array]:
 
 
 def _crossing(corners: Array, values: Array, rows: Index, i: int, j: int) -> Array:
-    """Where linear functions with corner values (n, k) vanish between corners i and j of elements (n, k, 4)."""
+    """Points where linear functions with corner values (n, k) vanish between corners i and j of elements (n, k, 4)."""
     a, b = values[rows, i, None], values[rows, j, None]
     return (corners[rows, i] * b - corners[rows, j] * a) / (b - a)
 

@@ -66,7 +66,7 @@ class _Reported:
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What the result rests on."""
+        """The assumptions of the result, in words."""
         return self.report.assumptions
 
     @property
@@ -91,7 +91,7 @@ class _Reported:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SolvedState(_Reported, FieldAtCurrents):
-    """Coils and iron at fixed currents (c,) in A; what all states have in common.
+    """Coils and iron at fixed currents (c,) in A: the common base of all states.
 
     iron: charges and flux densities, one column for each source, or None without iron; weights (columns,): the share of
     each column in this state. bounds: the box around the workspace. background: the field that nothing in
@@ -116,13 +116,13 @@ class SolvedState(_Reported, FieldAtCurrents):
     def field(self, points: ArrayLike) -> Array:
         """Flux density at points, inside the iron too; within an element it is the element's mean.
 
-        On faces and edges of the iron it is that of the air beside them. At an edge it grows without limit as the mesh
-        gets finer.
+        On faces and edges of the iron it is the field of the adjacent air. At an edge it grows without limit as the
+        mesh gets finer.
 
         Raises
         ------
         InputError
-            For points that do not fit.
+            For points that are not finite or have another shape.
         """
         x, single = checked_points(points)
         if self.iron is not None:
@@ -269,7 +269,7 @@ class SolvedState(_Reported, FieldAtCurrents):
         Raises
         ------
         InputError
-            For unknown names, and for a body without those that touch it.
+            For unknown names, and for a body without the bodies that touch it.
         """
         return self.force_and_torque_on(name, np.zeros(3))[0]
 
@@ -333,13 +333,13 @@ class SolvedState(_Reported, FieldAtCurrents):
     def flux_linkage(self) -> Array:
         """Flux linkages (c,) of the coils in Wb, all turns; with the flux of magnets and background."""
         of_others = self._background_linkage + self._iron_linkage
-        # The inductances of many coils take long.
+        # At zero currents the inductances are not needed; those of many coils take long.
         return self._air_inductance @ self.currents + of_others if self.currents.any() else of_others
 
     def derivative(self, quantity: Quantity, parameters: Sequence[str]) -> Derivatives:
         """Derivatives of a quantity by numbers of the device, exact for the discrete equations.
 
-        One linear solve for each number of the quantity, however many parameters
+        They take one linear solve for each number of the quantity, for any number of parameters
         (docs/theory/iron_derivatives.md).
 
         Parameters
@@ -365,7 +365,7 @@ class SolvedState(_Reported, FieldAtCurrents):
         DeviceFileError
             For keys that the device lacks.
         NotConverged
-            Where a linear solve does not end.
+            If a linear solve does not converge.
 
         Examples
         --------
@@ -394,7 +394,7 @@ class SolvedState(_Reported, FieldAtCurrents):
         Returns
         -------
         Array
-            (n, 3) or (3,), T.
+            mu0 M (n, 3) or (3,), T.
 
         Raises
         ------
@@ -418,7 +418,7 @@ class SolvedState(_Reported, FieldAtCurrents):
     @property
     @abstractmethod
     def _iron_linkage(self) -> Array:
-        """What the iron adds to the flux linkages (c,), Wb."""
+        """The iron's part of the flux linkages (c,), Wb."""
 
     @cached_property
     def _background_linkage(self) -> Array:
@@ -494,7 +494,7 @@ class LinearSolution(_Reported, FieldOfStates):
 
     `at(currents)` is the state at these currents. Methods that take currents, from `field` to `energy`, are short for
     the methods of that state. Permanent magnets and the background, if any, add a field that no current changes: one
-    more column after those of the coils, `constant_fields`. Currents: (c,) in A, one number for all coils, or a mapping
+    more column after the coils' columns, `constant_fields`. Currents: (c,) in A, one number for all coils, or a mapping
     by name. Forces, inductances and energy: docs/theory/forces.md.
 
     >>> import fieldmap as fm
@@ -816,7 +816,7 @@ class LinearSolution(_Reported, FieldOfStates):
         return self.at(np.zeros(len(self.coils))).outlines()
 
     def _iron_linkages(self) -> Array:
-        """Flux linkages (c, columns) that the iron adds."""
+        """The iron's part of the flux linkages (c, columns), Wb."""
         known = self.iron_linkage is not None or self.state is None
         must_hold, received = "the iron's flux linkages are needed", "a solution read back without them"
         check(known, "inductance", must_hold, received, "solve the device again")
@@ -854,7 +854,7 @@ class LinearState(SolvedState):
 class PotentialSolution(SolvedState):
     """Coils and iron at currents (c,) in A, solved for these in the potential form: one column.
 
-    state: nodal potential and largest field strengths. iron_linkage (c,) in Wb: what the iron adds to the linkages.
+    state: nodal potential and largest field strengths. iron_linkage (c,) in Wb: the iron's part of the linkages.
     """
 
     state: PotentialState
@@ -869,8 +869,7 @@ class PotentialSolution(SolvedState):
 class NonlinearSolution(PotentialSolution):
     """Coils and saturating iron at currents (c,) in A.
 
-    iron_coenergy in J: what the iron adds to the co-energy of the coils' field. Forces, linkages and energies:
-    docs/theory/forces.md.
+    iron_coenergy in J: the iron's part of the co-energy. Forces, linkages and energies: docs/theory/forces.md.
     """
 
     iron_coenergy: float

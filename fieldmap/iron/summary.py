@@ -1,6 +1,6 @@
-"""A solved device in numbers: field at points, forces, sections, bodies, and known values of the file beside ours.
+"""A solved device in numbers: field at points, forces, sections, bodies, and comparison with the file's known values.
 
-And what a designer asks of a machine at given currents: windings, inductances, forces, flux densities, heat.
+The design figures of a machine at given currents are its windings, inductances, forces, flux densities and heat.
 """
 
 from __future__ import annotations
@@ -70,10 +70,10 @@ class BodyFlux(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ReferenceComparison(Record):
-    """A known value of a device file beside ours, SI units.
+    """A known value of a device file and the computed one, `ours`, SI units.
 
-    Where it holds for other iron, or for other currents than those of a nonlinear state, `ours` and `deviation` are
-    None and `why_not` says why. deviation: ours / reference - 1; tolerance: to which the value is known.
+    If the known value holds for other iron, or for other currents than those of a nonlinear state, `ours` and
+    `deviation` are None and `why_not` says why. deviation: ours / reference - 1; tolerance: of the known value.
     """
 
     quantity: str
@@ -90,7 +90,7 @@ class ReferenceComparison(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SolutionSummary(Record):
-    """What `fieldmap solve` prints. currents: (n_coils,), A, None without coils."""
+    """The summary that `fieldmap solve` prints. currents: (n_coils,), A, None without coils."""
 
     device: Device
     nonlinear: bool
@@ -121,9 +121,8 @@ def summarise_solution(
 ) -> SolutionSummary:
     """The state of a solved device at currents (n_coils,), A, None without coils, in numbers.
 
-    points (n, 3), m: where the field is asked for. groups: names of bodies and coils whose force is asked for, each
-    taken together. sections: those of the device file unless given. mu_r: the permeability that was given to all iron
-    in the place of the file's.
+    points (n, 3), m: places of the field. groups: names of bodies and coils; each group gets one force. sections: the
+    device file's unless given. mu_r: the permeability that was given to all iron in place of the file's.
     """
     amperes = np.zeros(0) if currents is None else np.asarray(currents, dtype=float)
     state = field.at(amperes)
@@ -170,8 +169,8 @@ def body_fluxes(state: SolvedState) -> tuple[BodyFlux, ...]:
 def compare_references(
     device: Device, field: LinearSolution | NonlinearSolver, currents: Array, mu_r: float | None = None
 ) -> tuple[ReferenceComparison, ...]:
-    """Every known value of the device's file beside ours. currents (n_coils,), A: of a nonlinear state; a linear
-    solution is compared at the currents of each value. mu_r: as for `summarise_solution`."""
+    """Compare every known value of the device file with the computed one. currents (n_coils,), A: of a nonlinear state;
+    a linear solution is compared at the currents of each value. mu_r: as for `summarise_solution`."""
     nonlinear = isinstance(field, NonlinearSolver)
     compared = []
     for known in device.references:
@@ -216,7 +215,7 @@ def common_mu_r(device: Device, nonlinear: bool, mu_r: float | None = None) -> f
 
 
 def checked_groups(device: Device, groups: Sequence[Sequence[str]], where: str = "groups") -> None:
-    """Raise InputError, for all at once, unless every name is that of a body or coil of the device."""
+    """Raise InputError, with a problem for each, for names that are neither a body nor a coil of the device."""
     known = (*(body.name for body in device.bodies), *device.coil_names)
     remedy = "use one of these; several that are taken together stand with commas between"
     must_hold = f"must be a body or coil of the device: {', '.join(known)}"
@@ -224,7 +223,7 @@ def checked_groups(device: Device, groups: Sequence[Sequence[str]], where: str =
 
 
 def named_sections(device: Device, names: Sequence[str], where: str = "sections") -> tuple[Section, ...]:
-    """The sections of the device file with these names. Raises InputError, for all at once, for unknown ones."""
+    """The sections of the device file with these names. Raises InputError, with a problem for each unknown name."""
     by_name = {section.name: section for section in device.sections}
     listed = ", ".join(by_name) or "the file has no [[section]]"
     must_hold = f"must be a section of the device file: {listed}"
@@ -235,17 +234,17 @@ def named_sections(device: Device, names: Sequence[str], where: str = "sections"
 COPPER = 1.724e-8
 """Resistivity of annealed copper at 20 C, ohm m (IEC 60028)."""
 FILL = 0.6
-"""Share of a winding's section that is copper, where nothing says how much: usual for round wire."""
+"""Share of copper in a winding's section if none is given: usual for round wire."""
 
 
 @dataclass(frozen=True, repr=False)
 class WindingFigures(Record):
     """One winding at a current, A.
 
-    resistance, ohm: as the device states it, otherwise that of copper at 20 C (`resistance_is_stated` says which).
+    resistance, ohm: as the device states it, otherwise of copper at 20 C (`resistance_is_stated` says which).
     voltage, V, and power, W, of the steady current. current_density: ampere-turns per area of the whole section,
-    A/m^2; in the copper it is that divided by the share of copper. inductance, H: of this winding alone at the state,
-    dlambda/di; time_constant, s: inductance by resistance. temperature_rise, K: power times a stated thermal
+    A/m^2; divide it by the share of copper for the density in the copper. inductance, H: of this winding alone at the
+    state, dlambda/di; time_constant, s: inductance over resistance. temperature_rise, K: power times a stated thermal
     resistance; None without one.
     """
 
@@ -306,32 +305,32 @@ def design_figures(
     thermal_resistance: float | None = None,
     fill: float = FILL,
 ) -> DesignFigures:
-    """What a machine has, needs and bears at currents, A: see `DesignFigures`.
+    """Figures of a machine at currents, A, for its design: see `DesignFigures`.
 
     Parameters
     ----------
     device
         The machine, its file, or the name of a shipped one.
     currents
-        (c,), A.
+        Currents (c,), A.
     field
-        The solution of the device, or its solver of saturating iron; a new solver where its iron saturates
-        and a linear solution otherwise, if None.
+        The solution of the device, or its solver of saturating iron. None: a new solver if its iron
+        saturates, otherwise a linear solution.
     thermal_resistance
-        Of each winding to its surroundings, K/W; the rise of the temperature is that times the power, with
-        the resistance at 20 C.
+        Thermal resistance of each winding to its surroundings, K/W. The temperature rise is this times the
+        power, with the resistance at 20 C.
     fill
         Share of copper in a winding's section, for windings whose resistance the device does not state.
 
     Returns
     -------
     DesignFigures
-        What each winding needs, the inductances, and the forces.
+        The figures of each winding, the inductances, and the forces.
 
     Raises
     ------
     InputError
-        For currents that do not fit.
+        For currents that do not fit the coils.
     GeometryError, NotConverged
         As the solvers.
 

@@ -47,7 +47,7 @@ class Operation(Record):
 
     @property
     def is_mirror(self) -> bool:
-        """Whether it is the reflection in a plane."""
+        """Whether the operation is the reflection in a plane."""
         return self.handedness < 0 and abs(float(np.trace(self.matrix)) - 1.0) < _SAME_OPERATION
 
     def __call__(self, points: Array) -> Array:
@@ -90,7 +90,7 @@ class SymmetryGroup(Record):
 
     @property
     def matrices(self) -> Array:
-        """(order, 3, 3)."""
+        """Matrices (order, 3, 3) of the operations."""
         return np.array([operation.matrix for operation in self.operations])
 
     def __str__(self) -> str:
@@ -102,7 +102,7 @@ class SymmetryGroup(Record):
         Parameters
         ----------
         lower, upper
-            Its corners (3,), m.
+            Corners (3,) of the box, m.
 
         Returns
         -------
@@ -142,7 +142,7 @@ def multiplication_table(matrices: Array) -> Index | None:
     Parameters
     ----------
     matrices
-        (g, 3, 3).
+        Matrices (g, 3, 3).
 
     Returns
     -------
@@ -166,7 +166,7 @@ def rotation_axis(turn: Array) -> Array:
     Returns
     -------
     Array
-        Unit vector (3,). Of the two directions it has the one in which its largest component is positive.
+        Unit vector (3,) along the axis, with a positive largest component.
     """
     axis = np.linalg.eigh(turn + turn.T)[1][:, -1]
     return axis * np.sign(axis[np.abs(axis).argmax()])
@@ -363,7 +363,7 @@ class _Item(NamedTuple):
 
 
 _Part = tuple[Array, model.Placement, tuple[object, ...], int]
-"""Segments (n, 8) by both ends and two lengths, m; their placement; the part's own kind, which segments do not show;
+"""Segments (n, 8) by both ends and two lengths, m; their placement; properties of the part that segments do not show;
 and the number of its run: the parts of one run may be in any order."""
 
 
@@ -417,7 +417,7 @@ def _coil_axis(coil: Coil) -> Array:
 
 
 def _words(shape: model.Shape) -> tuple[object, ...]:
-    """What identifies a file or mesh, whose own symmetry is not examined; empty for other shapes."""
+    """The identity of a file or mesh, whose own symmetry is not examined; empty for other shapes."""
     match shape.primitive:
         case model.StepFile(path, scale):
             return "step", str(path), scale
@@ -491,13 +491,12 @@ _IDENTITY = np.eye(3)
 
 
 def find_symmetry(device: model.Device) -> SymmetryGroup:
-    """All mirrors and rotations that map the iron onto itself, and what they do to coils and magnets.
+    """All mirrors and rotations that map the iron onto itself, and their effect on coils and magnets.
 
-    Bodies are alike where shape, material (magnets and linear iron: mu_r) and mesh sizes are. Lengths and
-    positions count as equal within 1e-6 of the iron's size. The parts of the device file are compared, not the
-    solids they add up to: a symmetric body made of unsymmetric parts is not recognised. A STEP body or a mesh
-    counts as a body without symmetry. Round iron has infinitely many operations: a finite group of these is
-    returned. Never raises.
+    Bodies are alike if shape, material (magnets and linear iron: mu_r) and mesh sizes are equal. Lengths and positions
+    count as equal within 1e-6 of the iron's size. The parts of the device file are compared, not the solids they add up
+    to: a symmetric body made of unsymmetric parts is not recognised. A STEP body or a mesh counts as a body without
+    symmetry. Round iron has infinitely many operations: a finite group of these is returned. Never raises.
 
     Parameters
     ----------
@@ -599,7 +598,7 @@ def _mirrors_of_axis(iron: list[_Item], coils: list[_Item], tolerance: float) ->
         points = points if np.linalg.matrix_rank(points, tol=tolerance) == 1 else np.zeros((1, 3))
     longest = points[np.linalg.norm(points, axis=1).argmax()]
     axis = longest if np.linalg.norm(longest) > tolerance else _IDENTITY[2]
-    # The second direction is that of the coordinate axis most nearly perpendicular to this axis.
+    # The second direction is the coordinate axis most nearly perpendicular to this axis.
     frame = _frame(axis, _IDENTITY[np.abs(axis).argmin()])
     return [frame @ np.diag(signs) @ frame.T for signs in product((1.0, -1.0), repeat=3)]
 
@@ -613,7 +612,7 @@ def _frame(first: Array, second: Array) -> Array:
 
 
 def _images(items: list[_Item], matrix: Array, tolerance: float) -> tuple[int, ...] | None:
-    """Which item each is mapped onto; None if one is mapped onto none."""
+    """The item onto which each item is mapped; None if an item has no image."""
     images: list[int] = []
     for item in items:
         moved = item.moved(matrix)
@@ -633,15 +632,15 @@ def _operation(
     coils: list[_Item],
     tolerance: float,
 ) -> Operation | None:
-    """What the matrix does to bodies, coils and magnets; None if it does not map the bodies onto bodies, or joints onto
-    equal joints."""
-    # The exact matrix is within the tolerance of the found one: twice the tolerance accepts what was found.
+    """The operation of a matrix on bodies, coils and magnets; None if it does not map bodies onto bodies, and joints
+    onto equal joints."""
+    # The exact matrix is within the tolerance of the found one: twice the tolerance accepts the found images.
     bodies = _images(iron, matrix, 2 * tolerance)
     if bodies is None or not _keeps_joints(device, bodies):
         return None
     offset = centre - matrix @ centre
     offset[np.abs(offset) < 1e-3 * tolerance] = 0.0
-    # The sign of a zero depends on rounding, and the mesher makes another mesh of a wall with another sign.
+    # Zeros lose their sign, which depends on rounding: a wall with another sign would get another mesh.
     matrix, offset = matrix + 0.0, offset + 0.0
     handedness = np.sign(np.linalg.det(matrix))
     windings: tuple[int, ...] | None = tuple(range(len(device.coils)))
@@ -664,7 +663,7 @@ def _operation(
 
 
 def _keeps_joints(device: model.Device, images: tuple[int, ...]) -> bool:
-    """Whether the joint of every pair of bodies, if they touch, is like that of their images."""
+    """Whether every pair of bodies has the same joint as the pair of its images."""
     names = [body.name for body in device.bodies]
 
     def about(one: int, other: int) -> tuple[float, float] | None:

@@ -1,4 +1,4 @@
-"""Edges and faces of meshes as rows of node numbers: each once, who owns them, what hangs together."""
+"""Edges and faces of meshes as rows of node numbers: distinct ones, their owners, and connected parts."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -15,11 +15,12 @@ TET_FACES = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 """Face k is opposite corner k."""
 TRIANGLE_SIDES = np.array([[0, 1], [0, 2], [1, 2]])
 TRIANGLE_TURN = np.array([[0, 1], [1, 2], [2, 0]])
-"""The sides of a triangle, each on from where the last one ends."""
+"""The sides of a triangle in cyclic order, each from the end of the one before."""
 
 
 class DistinctRows(NamedTuple):
-    """rows (m, k), sorted; first, times (m,): where each is first and how often; number (n,): of each row given."""
+    """rows (m, k), sorted; first, times (m,): place of the first and number of all equal given rows; number (n,): the
+    distinct row of each given row."""
 
     rows: Index
     first: Index
@@ -33,8 +34,8 @@ class DistinctRows(NamedTuple):
 def distinct_rows(rows: Index) -> DistinctRows:
     """The distinct rows among rows (n, k) of numbers from 0 on, in lexicographic order.
 
-    `numpy.unique(rows, axis=0)` compares rows byte by byte; here a row is one number, its digits in a base beyond the
-    largest, and sorting takes a tenth of the time. Raises OverflowError where that number has more than 63 bits.
+    `numpy.unique(rows, axis=0)` compares rows byte by byte. Here the numbers of a row are digits of one integer, and
+    sorting takes a tenth of the time. Raises OverflowError if the integer has more than 63 bits.
 
     >>> found = distinct_rows(np.array([[1, 2], [0, 5], [1, 2]]))
     >>> found.rows.tolist(), found.first.tolist(), found.number.tolist(), found.times.tolist()
@@ -52,12 +53,12 @@ def distinct_rows(rows: Index) -> DistinctRows:
 
 
 def distinct_parts(elements: Index, parts: Index) -> DistinctRows:
-    """The distinct edges or faces, rising, of elements (m, k); parts (p, j): those of one element, by its corners."""
+    """The distinct edges or faces, corners rising, of elements (m, k); parts (p, j): corners of one element's parts."""
     return distinct_rows(np.sort(elements[:, parts].reshape(-1, parts.shape[1]), axis=1))
 
 
 def common_sides(triangles: Index) -> tuple[Index, Index]:
-    """Sides (k,) and (k,) in which two of these triangles (m, 3) meet; side 3 t + i: number i of the turn of t."""
+    """Sides (k,) and (k,) in which two of these triangles (m, 3) meet; 3 t + i: side i (`TRIANGLE_TURN`) of t."""
     sides = np.sort(triangles[:, TRIANGLE_TURN].reshape(-1, 2), axis=1)
     order = np.lexsort(sides.T)
     same = np.flatnonzero((sides[order[1:]] == sides[order[:-1]]).all(axis=1))
@@ -70,7 +71,7 @@ def edge_keys(edges: Index, count: int) -> Index:
 
 
 def connected(pairs: Index, count: int) -> Index:
-    """Number (count,) of the connected part that each of so many things belongs to; pairs (k, 2) hang together."""
+    """Number (count,) of the connected part of each of `count` things; pairs (k, 2) of things are connected."""
     links = coo_matrix((np.ones(len(pairs)), tuple(pairs.T)), shape=(count, count))
     return connected_components(links)[1].astype(np.int64)
 

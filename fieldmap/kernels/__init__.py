@@ -1,1 +1,1 @@
-"""Compiled loops: arrays in, arrays out. No classes, no strings, no user errors; checked functions stand in front."""
+"""Compiled loops: arrays in, arrays out. No classes, no strings, no user errors; the callers check the arguments."""

@@ -1,4 +1,4 @@
-"""How kernels are compiled: `njit` of numba with what all want, and `inlined` for parts of kernels."""
+"""Compilation of kernels: numba's `njit` with common options, and `inlined` for parts of kernels."""
 
 from collections.abc import Callable
 from functools import partial, update_wrapper
@@ -9,10 +9,10 @@ from fieldmap.extras import needs
 with needs("make", "the field of coils and iron", module="numba"):
     import numba
 
-# Kept in files. A function takes what it does not say from the kernel that calls it first, and its last digits with it:
-# all say whether sums may be reordered and whether they are inlined. Without numba's wrapper for callers in C, which
-# took a seventh of the time of compiling: no kernel has such a caller. A division by zero gives what IEEE 754 says, as
-# in numpy: to raise an error, as Python does, numba adds a branch to each division and the way out to all callers.
+# Compiled code is kept in files. A function takes options that it does not set from the kernel that calls it first, and
+# its last digits depend on them: so all set fastmath and forceinline. No kernel has a caller in C: numba's wrapper for
+# these would take a seventh of the time of compiling. A division by zero gives the value of IEEE 754, as in numpy: for
+# an error, as in Python, numba would add a branch to each division and an error path to all callers.
 _KEPT = {"cache": True, "error_model": "numpy"}
 njit: Any = partial(numba.njit, no_cfunc_wrapper=True, fastmath=False, forceinline=False, **_KEPT)
 
@@ -20,10 +20,10 @@ njit: Any = partial(numba.njit, no_cfunc_wrapper=True, fastmath=False, forceinli
 class Inlined:
     """A compiled function that is inlined into each kernel that calls it, and that Python cannot call.
 
-    numba's wrapper for callers in Python would hold the function once more, to be optimised and to be made machine code
-    of. numba takes this object for the compiled function.
+    numba's wrapper for callers in Python would contain the function once more, and take time to optimise and compile.
+    numba takes this object for the compiled function.
 
-    dispatcher: what `numba.njit` made of the function. py_func: the function.
+    dispatcher: the result of `numba.njit`. py_func: the function.
     """
 
     def __init__(self, dispatcher: Any) -> None:
@@ -42,7 +42,7 @@ class Inlined:
 def inlined(function: Callable[..., Any] | None = None, /, **options: Any) -> Any:
     """Compile a function as a part of the kernels that call it. As a decorator, with options of `numba.njit` or none.
 
-    With NUMBA_DISABLE_JIT it stays the function that it is.
+    With NUMBA_DISABLE_JIT the function is returned unchanged.
     """
     if function is None:
         return partial(inlined, **options)

@@ -12,5 +12,5 @@ GAUSS_WEIGHTS = np.concatenate([weights for _, weights in _RULES])
 
 @njit
 def gauss_start(n: int) -> int:
-    """Where the rule with n points begins in GAUSS_NODES and GAUSS_WEIGHTS."""
+    """Index of the first point of the rule with n points in GAUSS_NODES and GAUSS_WEIGHTS."""
     return n * (n - 1) // 2

@@ -1,7 +1,7 @@
-"""Cholesky factor R, upper, of a symmetric matrix R^T R whose rows and columns come and go one at a time.
+"""Cholesky factor R, upper, of a symmetric matrix R^T R; rows and columns are added and removed one at a time.
 
-Each change costs the square of the size, where a new factor costs its cube. A row that leaves is turned out by Givens
-rotations (G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed. 2013, 6.5.3).
+Each change costs the square of the size, where a new factor costs its cube. A row is removed by Givens rotations (G. H.
+Golub, C. F. Van Loan, Matrix Computations, 4th ed. 2013, 6.5.3).
 """
 
 import math
@@ -34,8 +34,8 @@ def solve_upper(factor, count, right):
 
 @njit(**_FAST)
 def append(factor, count, across, own):
-    """Add a row and column to the first `count`: across (count,) with the others, which is overwritten, and its own
-    entry `own`. Nothing is changed where the matrix would no longer be positive; whether it is."""
+    """Add a row and column after the first `count`: its entries across (count,), overwritten, and own on the diagonal.
+    Returns whether the matrix stays positive definite; otherwise the factor is not changed."""
     solve_lower(factor, count, across)
     rest = own
     for k in range(count):
@@ -50,14 +50,14 @@ def append(factor, count, across, own):
 
 @njit(**_FAST)
 def remove(factor, count, number):
-    """Take row and column `number` out of the first `count`."""
+    """Remove row and column `number` from the first `count`."""
     for k in range(number):
         row = factor[k]
         for j in range(number, count - 1):
             row[j] = row[j + 1]
     for k in range(number, count - 1):
         upper, lower = factor[k], factor[k + 1]
-        # Before row k moves left, the rotation must see what lies below its new diagonal.
+        # Row k moves left; row k + 1 does so only after the rotation has used its entry below the new diagonal.
         for j in range(k, count - 1):
             upper[j] = upper[j + 1]
         size = math.hypot(upper[k], lower[k + 1])

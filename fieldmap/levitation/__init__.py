@@ -1,13 +1,13 @@
 """Force balance, stiffness and lift current of a levitated magnet in any field.
 
-Every function here takes a `fieldmap.field.Field`, an object that `as_field` makes one of, or a state at its currents;
-the field must have a box. Depends on device (payload) and lookup (magnets of finite size), never on the packages that
-make maps.
+Every function here takes a `fieldmap.field.Field` with a box, an object that `as_field` converts, or a state at its
+currents. The package depends on device (payload) and lookup (magnets of finite size), never on the packages that make
+maps.
 """
 
 from fieldmap.extras import needs
 
-# Its modules need scipy throughout: where it is missing, this is told here for all of them.
+# All modules need scipy. If it is missing, the error is raised here.
 with needs("levitation", "fieldmap.levitation"):
     import scipy
 

@@ -29,17 +29,18 @@ _NONE = np.zeros((3, 3))
 MagnetModel = Literal["fixed", "aligned", "rigid", "rigid upright"]
 MODELS = ("fixed", "aligned", "rigid", "rigid upright")
 CURRENT_STEP = 0.01
-"""Change of a current, as a share of the largest one, over which a force is differenced unless another is asked for."""
+"""Default step of differences of the force in a current, as a share of the largest current."""
 _TORQUE = 1e-8
-"""Largest torque left, over moment times field; less is noise where a map jumps between its cells."""
+"""Largest residual torque, over moment times field; smaller torques are noise, as a map jumps between its cells."""
 _TURNS = 60
+"""Most iterations for the axis of a rigid magnet."""
 _STEPS = 20
 _CLOSE = 1e-10
-"""Steps towards a place of balance by a finer rule, and one that is short, m."""
+"""Most iterations of `place_error`, and a step that counts as short, m."""
 _APART = 1e-5
-"""Half the distance over which the force of the reaction is differenced, m."""
+"""Step of central differences of the force of the reaction, m."""
 _RIGID = 3
-"""Least level of the volume rule of a magnet that is rigid by name."""
+"""Lowest level of the volume rule in the models "rigid" and "rigid upright"."""
 _HELD = {
     "fixed": "the magnet keeps its vertical direction",
     "aligned": "the magnet is a point dipole that stays parallel to the local field",
@@ -104,10 +105,10 @@ def dipole_stiffness(moment: Array, second_gradient: Array) -> Array:
 def aligned_turning(moment: Array, field: Array, gradient: Array, by_moment: Array = _NONE) -> Array:
     """dm_i/dx_l, A m, of a dipole of constant magnitude that stays parallel to B.
 
-    (lambda / m - P (dB/dm) P) dm = P (dB/dx) dx with lambda = |B| and P across m. Without dB/dm the stiffness gets
-    -m/|B| (G^T G - (G^T b)(G^T b)^T) with b = B/|B|, whose trace is never positive: an aligned dipole is at least as
-    unstable as a fixed one. moment, field (3,), gradient (3, 3); by_moment (3, 3): dB_i/dm_k, T/(A m^2), of a field
-    that the dipole itself causes. Singular where B = 0.
+    (lambda / m - P (dB/dm) P) dm = P (dB/dx) dx with lambda = |B| and P the projection perpendicular to m. Without
+    dB/dm the stiffness gains -m/|B| (G^T G - (G^T b)(G^T b)^T) with b = B/|B|. The trace of this term is never
+    positive: an aligned dipole is at least as unstable as a fixed one. moment, field (3,), gradient (3, 3); by_moment
+    (3, 3): dB_i/dm_k, T/(A m^2), of a field that the dipole itself causes. Singular where B = 0.
     """
     size = np.linalg.norm(moment)
     across = np.eye(3) - np.outer(moment, moment) / size**2
@@ -117,11 +118,11 @@ def aligned_turning(moment: Array, field: Array, gradient: Array, by_moment: Arr
 
 @dataclass(eq=False)
 class MagnetBalance(ABC):
-    """Magnetic force and weight of a magnet in a field at fixed currents (n_coils,), A, whatever its model.
+    """Magnetic force and weight of a magnet in a field at fixed currents (n_coils,), A; base class of all models.
 
-    magnitude: of the moment, or the largest sum of moments, by their magnitudes, met so far, A m^2. `evaluations`
-    counts places of the magnet. finer: the same magnets by a finer volume rule; None where the rule is exact, or no
-    shape is known. field_scale: of `residual`, as for `scaled_force`.
+    magnitude: of the moment, or for soft iron the largest sum of the magnitudes of moments so far, A m^2. evaluations:
+    number of places at which the force was computed. finer: the same magnets by a finer volume rule; None where the
+    rule is exact, or no shape is known. field_scale: scale in `residual`, as for `scaled_force`.
     """
 
     source: Field
@@ -140,8 +141,8 @@ class MagnetBalance(ABC):
 
     @property
     def arms(self) -> Array:
-        """Points (n, 3) at which the field acts on the magnet, from its centre, m; of one that turns, corners of a box
-        that holds them."""
+        """Points (n, 3) at which the field acts on the magnet, relative to its centre, m; for a magnet that turns, two
+        corners of a box that holds these points."""
         return np.zeros((1, 3))
 
     @property
@@ -150,8 +151,8 @@ class MagnetBalance(ABC):
         return box_of_centres(require_bounds(self.source), self.arms)
 
     def flux_density(self, position: Array) -> Array:
-        """B (3,), T, in the middle of the arms of a magnet centred at a position (3,), m: the centre itself may lie
-        beyond the field."""
+        """B (3,), T, at the mean of the arms of a magnet centred at a position (3,), m; the centre may lie outside the
+        field."""
         return self.source.field((position + self.arms.mean(axis=0))[None, :], self.currents)[0]
 
     @abstractmethod
@@ -169,11 +170,11 @@ class MagnetBalance(ABC):
     @property
     @abstractmethod
     def dipoles(self) -> MagneticBody:
-        """What stands for the magnets, in the frame of `orientations`."""
+        """The dipoles of the magnets, in the frame of `orientations`."""
 
     def reaction_force(self, points: Array) -> Array:
-        """Share (n, 3) in the magnetic force, N, of what the machine's iron reacts to the magnets with, at points
-        (n, 3); zero where the field does not know it."""
+        """Part (n, 3) of the magnetic force, N, that is the iron's reaction to the magnets, at points (n, 3); zero for
+        a field without the reaction."""
         if self.source.reaction is None:
             return np.zeros_like(points)
         turns = self.orientations(points)
@@ -183,17 +184,17 @@ class MagnetBalance(ABC):
         return own_force(self.source.reaction, points[:, None] + arms, moments)
 
     def scaled_force(self, points: Array, scale: float) -> Array:
-        """Magnetic force (n, 3), N, with all of it times a scale but the reaction of the iron to the magnets, which no
-        calibration of the field changes."""
+        """Magnetic force (n, 3), N, times a scale, except for the iron's reaction to the magnets, which a calibration
+        of the field does not change."""
         force = scale * self.magnetic_force(points)
         return force if scale == 1.0 else force + (1.0 - scale) * self.reaction_force(points)
 
     def scaled_stiffness(self, position: Array, scale: float) -> Array:
-        """-dF/dx (3, 3) at one position (3,), N/m, of that force; the reaction's share in it by differences."""
+        """-dF/dx (3, 3) of `scaled_force` at one position (3,), N/m; the part of the reaction by differences."""
         stiffness = scale * self.stiffness(position)
         if scale == 1.0 or self.source.reaction is None:
             return stiffness
-        # Inside the box, also at its edge.
+        # At the edge of the box the differences are one-sided.
         ahead, behind = (
             np.clip(position + step, *self.box) for step in (_APART * np.eye(3), -_APART * np.eye(3))
         )
@@ -201,13 +202,13 @@ class MagnetBalance(ABC):
         return stiffness - (1.0 - scale) * (change / np.diag(ahead - behind)[:, None]).T
 
     def orientations(self, points: Array) -> Array:
-        """Rotations (n, 3, 3) of the magnet with its centre at points (n, 3): columns its axes."""
+        """Rotations (n, 3, 3) of the magnet with its centre at points (n, 3); their columns are its axes."""
         moments = self.moments(points)
         size = np.linalg.norm(moments, axis=1, keepdims=True)
         return _frames(np.where(size > 0.0, moments / np.where(size > 0.0, size, 1.0), [0.0, 0.0, 1.0]))
 
     def rule_error(self, point: Array) -> Array:
-        """By how much a finer volume rule of the magnets changes the force at a point (3,).
+        """Change of the force at a point (3,) with a finer volume rule of the magnets.
 
         Returns
         -------
@@ -224,8 +225,8 @@ class MagnetBalance(ABC):
         return np.asarray(wrench[0, :3] - self.magnetic_force(at)[0])
 
     def place_error(self, position: Array) -> float:
-        """How far a place of balance (3,) moves with a finer volume rule of the magnets, m; 0 and NaN as for
-        `rule_error`, NaN too where it does not settle within a few steps."""
+        """Displacement of a place of balance (3,) with a finer volume rule of the magnets, m; 0 and NaN as for
+        `rule_error`, and NaN if the iteration does not converge."""
         place, step = position, np.full(3, np.nan)
         if self.finer is None:
             return 0.0
@@ -264,7 +265,7 @@ class MagnetBalance(ABC):
         signals
             Currents (n_coils, k), A, per unit of each signal.
         steps
-            Half the differences of the signals (k,).
+            Steps of the central differences (k,).
 
         Returns
         -------
@@ -293,7 +294,7 @@ class MagnetBalance(ABC):
 
 @dataclass(eq=False)
 class Balance(MagnetBalance):
-    """Of a point dipole. fixed_moment (3,) in A m^2, or None for a moment that stays parallel to B."""
+    """Balance of a point dipole. fixed_moment (3,) in A m^2, or None for a moment that stays parallel to B."""
 
     fixed_moment: Array | None
 
@@ -313,7 +314,7 @@ class Balance(MagnetBalance):
 
     @property
     def dipoles(self) -> MagneticBody:
-        """One along the third axis."""
+        """One dipole along the third axis."""
         return MagneticBody.dipole([0.0, 0.0, self.magnitude])
 
     def stiffness(self, position: Array) -> Array:
@@ -334,12 +335,11 @@ class Balance(MagnetBalance):
 
 @dataclass(eq=False)
 class RigidBalance(MagnetBalance):
-    """Of a rigid magnet, integrated over its volume.
+    """Balance of a rigid magnet, integrated over its volume.
 
-    The magnet turns about its centre until T = 0, docs/theory/equilibrium.md (8). lever: how far the centre of mass
-    of the levitated body lies below the magnet's centre, along the magnet's axis, m; its weight uprights the magnet.
-    sign: +1 for a moment that begins upward, -1 downward. step: half the distance over which forces are differenced
-    for the stiffness, m.
+    The magnet turns about its centre until T = 0, docs/theory/equilibrium.md (8). lever: distance of the levitated
+    body's centre of mass below the magnet's centre, along the magnet's axis, m; the weight then rights the magnet.
+    sign: +1 for a moment that starts upward, -1 downward. step: of the central differences for the stiffness, m.
     """
 
     magnet: MagneticBody
@@ -349,13 +349,13 @@ class RigidBalance(MagnetBalance):
 
     @property
     def arms(self) -> Array:
-        """Corners (2, 3) of the box that holds the magnet however it turns, and the steps beyond it, m."""
+        """Corners (2, 3) of a box that holds the magnet in any orientation, and the steps of the stiffness, m."""
         reach = float(np.linalg.norm(self.magnet.points, axis=1).max()) + self.step
         return np.array([[-reach] * 3, [reach] * 3])
 
     @property
     def dipoles(self) -> MagneticBody:
-        """Those of the magnet."""
+        """The dipoles of the magnet."""
         return self.magnet
 
     def moments(self, points: Array) -> Array:
@@ -383,7 +383,7 @@ class RigidBalance(MagnetBalance):
             torque = self._wrench(points, axis)[:, 3:] + np.cross(axis, hanging)
             if (np.linalg.norm(torque, axis=1) <= _TORQUE * restoring).all():
                 return axis
-            # A turn by torque over the restoring moment of a small tilt: Newton's step but for the field's gradient.
+            # Newton's step without the field's gradient: a turn by torque over the restoring moment of a small tilt.
             axis = axis + np.cross(torque, axis) / restoring[:, None]
             axis /= np.linalg.norm(axis, axis=1, keepdims=True)
         must_hold = f"the torque must fall to {_TORQUE:g} of moment times field"
@@ -398,8 +398,8 @@ class RigidBalance(MagnetBalance):
 
 @dataclass(eq=False)
 class BodyBalance(MagnetBalance):
-    """Of an upright body of magnets and soft iron; induced moments follow the field: docs/theory/wrench.md (5)..(9).
-    orientation (3, 3): columns its axes."""
+    """Balance of an upright body of magnets and soft iron; induced moments follow the field: docs/theory/wrench.md
+    (5)..(9). orientation (3, 3): its columns are the axes of the body."""
 
     magnitude: float
     body: MagneticBody
@@ -407,16 +407,16 @@ class BodyBalance(MagnetBalance):
 
     @property
     def arms(self) -> Array:
-        """Points (n, 3) of the magnets' volume rules and middles of the soft pieces, from the centre, m."""
+        """Points (n, 3) of the magnets' volume rules and centres of the soft pieces, relative to the centre, m."""
         return self.body.all_points @ self.orientation.T
 
     @property
     def dipoles(self) -> MagneticBody:
-        """Those of the body's magnets; those of its soft iron follow the field."""
+        """The body, with the dipoles of its magnets; the dipoles of its soft iron depend on the field."""
         return self.body
 
     def orientations(self, points: Array) -> Array:
-        """The one of the body (n, 3, 3)."""
+        """The orientation of the body, for each point (n, 3, 3)."""
         return np.broadcast_to(self.orientation, (len(points), 3, 3))
 
     def moments(self, points: Array) -> Array:
@@ -440,9 +440,8 @@ class BodyBalance(MagnetBalance):
 
 
 def body_balance(field: Field, currents: Array, payload: Payload, near: Array | None) -> BodyBalance:
-    """The balance of a magnet of finite size, which points as the payload says, or of upright pieces. The largest
-    moment of soft iron is sought at those points near (n, 3) at which it lies in the field's box; where there are none,
-    all over the box."""
+    """The balance of a magnet of finite size in the direction of the payload, or of upright pieces. The largest moment
+    of soft iron is sought at the points `near` (n, 3) that lie in the box, or all over the box if there are none."""
     body = magnetic_body(payload)
     fixed = float(np.linalg.norm(body.moments, axis=1).sum())
     upright = BodyBalance(field, currents, payload.mass, fixed, body, np.eye(3), finer=_finer(payload))
@@ -451,20 +450,20 @@ def body_balance(field: Field, currents: Array, payload: Payload, near: Array | 
 
 
 def coarse_balance(balance: MagnetBalance, payload: Payload) -> MagnetBalance:
-    """The same with a point dipole for each magnet of an upright body, which is enough to choose among many places."""
+    """The balance with a point dipole for each magnet of an upright body; it serves to choose among many places."""
     return replace(balance, body=magnetic_body(payload, 1)) if isinstance(balance, BodyBalance) else balance
 
 
 def _finer(payload: Payload) -> MagneticBody | None:
-    """The body by a finer volume rule; None where there is no better one."""
+    """The body by a finer volume rule; None if the rule is exact."""
     if not payload.sized and not (payload.soft and payload.soft_level == 1):
         return None
-    # One level up, a cylinder may have the same radii.
+    # Two levels up, since a cylinder may have the same radii one level up.
     return magnetic_body(replace(payload, soft_level=2), payload.volume_level + 2)
 
 
 def _inside(box: Bounds, near: Array | None) -> Array:
-    """The points (n, 3) inside a box, or a grid of it where there are none."""
+    """The points (n, 3) inside a box, or a grid of the box if there are none."""
     if near is not None:
         found = near[((near >= box[0]) & (near <= box[1])).all(axis=1)]
         if len(found):
@@ -494,9 +493,9 @@ def magnet_balance(
     moment: MagnetModel | None = None,
     lever: float = 0.0,
 ) -> MagnetBalance:
-    """The force balance of a payload's magnet, which points as the payload says, or begins so.
+    """The force balance of a payload's magnet in the direction of the payload, which is the start if the magnet turns.
 
-    A payload of pieces stays upright. The payload's `volume_level` says how the field is integrated over its magnets.
+    A payload of pieces stays upright. The payload's `volume_level` is the level of the quadrature over its magnets.
 
     Parameters
     ----------
@@ -505,16 +504,16 @@ def magnet_balance(
     currents
         Currents (n_coils,), A.
     payload
-        What is levitated.
+        The levitated body.
     near
         Point (3,), m, or several (n, 3), near which the largest moment of soft iron is sought; None for the whole
         box.
     moment
         "fixed", a magnet that stays vertical; "aligned", a point dipole that follows B; "rigid", the payload's
-        magnet, of finite size whatever its level, turned until torque vanishes; "rigid upright", the same
-        without turning. Unless given, "aligned" for a payload that states turning = "free", "fixed" for any other.
+        magnet, of finite size at any level, turned until the torque vanishes; "rigid upright", the same
+        without turning. Unless given, "aligned" for a payload with turning = "free", "fixed" for any other.
     lever
-        Of the body's centre of mass below the magnet's centre, m, for "rigid".
+        Distance of the body's centre of mass below the magnet's centre, m, for "rigid".
 
     Returns
     -------
@@ -524,7 +523,7 @@ def magnet_balance(
     Raises
     ------
     InputError
-        For another name, a payload without a magnet, or pieces that extend over more than the box.
+        For an unknown model, a payload without a magnet, or pieces that extend over more than the box.
     """
     moment = model_of(payload) if moment is None else moment
     check_choice("moment", moment, MODELS)
@@ -536,7 +535,7 @@ def magnet_balance(
         must = "must have a magnet: its shape, size and remanence"
         raise InputError.of("payload.magnet", must, "None", "add [payload.magnet], or choose moment='fixed'")
     payload = modelled(payload, moment)
-    # Frames of models that turn have the moment along their third axis.
+    # Models that turn have a frame with the moment along its third axis.
     upward = replace(payload, direction="up")
     finer = _finer(upward)
     if moment == "aligned":
@@ -551,8 +550,8 @@ def magnet_balance(
 
 
 def held_at(balance: MagnetBalance, payload: Payload, position: Array) -> tuple[str, tuple[str, ...]]:
-    """Which way the moment points at a position (3,), m, and whether it turns, in words; and a note if a free magnet
-    turned over there."""
+    """Direction of the moment at a position (3,), m, and whether it turns, in words; and a note if a free magnet turned
+    over there."""
     moment, turns = payload.moment_vector, isinstance(balance, Balance) and balance.fixed_moment is None
     if not turns:
         return moment_held(moment, turns), ()
@@ -562,34 +561,34 @@ def held_at(balance: MagnetBalance, payload: Payload, position: Array) -> tuple[
 
 
 def model_of(payload: Payload) -> MagnetModel:
-    """The model of a payload's magnet unless another is asked for: it follows the field if it may turn."""
+    """The default model of a payload's magnet: it follows the field if it may turn."""
     return "aligned" if payload.turning == "free" else "fixed"
 
 
 def modelled(payload: Payload, moment: MagnetModel) -> Payload:
-    """The payload with the volume level that a model of the magnet takes."""
+    """The payload with the volume level that a model of the magnet uses."""
     levels = {"fixed": payload.volume_level, "aligned": 1}
     return replace(payload, volume_level=levels.get(moment, max(payload.volume_level, _RIGID)))
 
 
 def rule_stated(payload: Payload, moment: MagnetModel, error: float, of: str) -> tuple[str, ...]:
-    """What stands for magnets and soft iron in a model, and about how far off a result is by a finer rule.
+    """The models of magnets and soft iron in words, with the error of a result as estimated by a finer rule.
 
     Parameters
     ----------
     payload
-        What is levitated.
+        The levitated body.
     moment
         As for `magnet_balance`.
     error
-        Of the result, in the unit that `of` begins with; NaN where it is not known.
+        Of the result, in the unit that `of` begins with; NaN if it is not known.
     of
         Unit and name of the result.
 
     Returns
     -------
     tuple[str, ...]
-        What stands for magnets, and for soft iron. The error is that of both together.
+        A text for magnets, and one for soft iron. The error is stated once, for both together.
     """
     taken = modelled(payload, moment)
     rules = {"magnets": taken.rule, "soft iron": taken.soft_rule}
@@ -605,43 +604,43 @@ def reaction_stated(field: Field, payload: Payload, pulls: Iterable[float], wher
     Parameters
     ----------
     field
-        Which knows the reaction of its iron, or does not.
+        The field, with or without the reaction of its iron.
     payload
-        What is levitated.
+        The levitated body.
     pulls
-        Forces of the reaction, N; the largest counts.
+        Forces of the reaction, N; the largest is stated.
     where
-        Words on these places.
+        Words for the places of these forces.
 
     Returns
     -------
     tuple[str, ...]
-        One assumption; none of a field without iron.
+        One assumption; none for a field without iron.
     """
     if field.reaction is None:
         return (f"{IN_WORDS}: left out",) if field.has_iron else ()
-    # That of induced moments is not told apart from the rest.
+    # The reaction to induced moments alone is not known separately.
     found = list(pulls) if payload.moment else []
     share = f", {max(found) / (payload.mass * GRAVITY):.2g} of the weight {where}" if found else ""
     return (f"{IN_WORDS}: in{share}",)
 
 
 def force_stated(payload: Payload, moment: MagnetModel, errors: Iterable[float]) -> tuple[str, ...]:
-    """The same of the largest of several errors of the force, N."""
+    """`rule_stated` for the largest of several errors of the force, N."""
     found = list(errors)
     share = 100.0 * np.max(found) / (payload.mass * GRAVITY) if found else np.nan
     return rule_stated(payload, moment, float(share), "% of the weight")
 
 
 def refuse_models_of_pieces(where: str, moment: str) -> None:
-    """Raise InputError for another model than the upright one of a payload of pieces."""
+    """Raise InputError for a model that would turn a payload of pieces, which stays upright."""
     must = "must be 'fixed' for a payload of pieces: it stays upright, and soft iron follows the field"
     remedy = "ask for 'fixed'; simulate lets the payload turn"
     check(moment in ("fixed", "rigid upright"), where, must, f"'{moment}'", remedy)
 
 
 def model_assumptions(moment: MagnetModel, lever: float = 0.0) -> tuple[str, ...]:
-    """What a model of the magnet rests on.
+    """Assumptions of a model of the magnet.
 
     Parameters
     ----------

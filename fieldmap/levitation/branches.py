@@ -1,5 +1,5 @@
-"""Equilibria of a levitated magnet as they follow a parameter such as a control signal, depth or current: along a
-branch, and to first order by each coil's current (the implicit function theorem)."""
+"""Equilibria of a levitated magnet as functions of a parameter such as a control signal, depth or current: along a
+branch, and to first order in each coil's current (implicit function theorem)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from fieldmap.typing import Array
 _STEPS = 40
 _CLOSE = 1e-8
 _WELL_ENOUGH = 1e-6
-"""Newton's method has converged when its step is shorter than this, m: the first in early steps, the second later."""
+"""Newton's method has converged when its step is shorter than `_CLOSE`, in later steps than `_WELL_ENOUGH`, m."""
 _LEVEL_STEP = 1e-3
 Path = Callable[[float, float], tuple[Array, float]]
 
@@ -50,7 +50,7 @@ class EquilibriumBranch(Record):
     at_stops : points at the stops that were reached before the first fold.
     levels_at_stops : current level at these.
     folds : points at which the branch turns back, with unknowns (x, y) or (x, y, level).
-    ended : "last stop"; "edge" of the map or of the parameter's range; or "steps", when the most steps were done.
+    ended : "last stop"; "edge" of the map or of the parameter's range; or "steps", after the largest number of steps.
     assumptions : of the model of the magnet.
     """
 
@@ -103,8 +103,8 @@ def follow_equilibrium(
         The level is an unknown, so that the lift equals the weight, as with a vertical controller. Otherwise
         the level is constant and there is no condition on the vertical force.
     field_scale
-        Factor of every force but that of the iron's reaction to the magnets, a calibration; without such a
-        reaction it has an effect only if the height is held.
+        Calibration: factor of every force except the iron's reaction to the magnets. Without a reaction it
+        matters only if the height is held.
     moment, lever
         As in `magnet_balance`.
     step
@@ -120,7 +120,7 @@ def follow_equilibrium(
     InputError, OutsideMapError
         For arguments that do not fit.
     NotConverged
-        If nothing is near the start.
+        If there is no solution near the start.
     """
     check_positive("follow_equilibrium", step=step)
     targets = np.asarray(stops, dtype=float)
@@ -202,7 +202,7 @@ def equilibrium_at(
     InputError, OutsideMapError
         For arguments that do not fit.
     NoEquilibrium
-        If nothing is near.
+        If there is no solution near the start.
     """
     about = (field, payload, lambda _, u: path(u), 0.0, start, level, hold_height, field_scale, moment, lever)
     along, q, (low, high) = _begin("equilibrium_at", *about)
@@ -211,7 +211,7 @@ def equilibrium_at(
         try:
             step = np.linalg.solve(_square(along, q), along.residual(q, 0.0))
         except np.linalg.LinAlgError:
-            # Nothing draws the magnet anywhere.
+            # The force does not depend on the position.
             break
         # A step is limited to a fifth of the map, and of the level.
         q -= step / max(1.0, float(np.abs(step[:2]).max() / (0.2 * (high - low).min())))
@@ -308,12 +308,11 @@ class _Along:
 class Sensitivity(Record):
     """Derivatives of an equilibrium by the coil currents.
 
-    position (3,), m, and currents (n_coils,), A: where. stiffness (3, 3), N/m; force_per_current (3, n_coils), N/A.
-    at_held_height (2, n_coils), m/A: dx/di and dy/di while the height is held and nothing else reacts: what a disturbed
-    current does, but for the vertical controller's own answer. with_lift_held (2, n_coils), m/A: the same where all
-    currents are scaled besides so that the lift stays what it was: what remains once the controller has answered.
-    level_per_current (n_coils,): by how much that scales them, 1/A. singular at a fold, where stiffness vanishes.
-    assumptions: what the numbers rest on.
+    position (3,), m, and currents (n_coils,), A: of the equilibrium. stiffness (3, 3), N/m; force_per_current
+    (3, n_coils), N/A. at_held_height (2, n_coils), m/A: dx/di and dy/di at constant height, before the vertical
+    controller reacts. with_lift_held (2, n_coils), m/A: the same after the controller has scaled all currents alike to
+    keep the lift; level_per_current (n_coils,), 1/A: the relative change of this scale. All are singular at a fold,
+    where the horizontal stiffness is singular. assumptions: of the numbers.
     """
 
     position: Array
@@ -357,7 +356,7 @@ def equilibrium_sensitivity(
 ) -> Sensitivity:
     """Derivatives of the horizontal equilibrium at a position by every coil's current.
 
-    From F_h(x, i) = 0: dx_h/di = K_hh^-1 dF_h/di, and with the lift held besides by a common factor of the currents.
+    F_h(x, i) = 0 gives dx_h/di = K_hh^-1 dF_h/di. To hold the lift, a common factor of the currents is solved for, too.
 
     Parameters
     ----------
@@ -366,15 +365,14 @@ def equilibrium_sensitivity(
     currents
         (n_coils,), A.
     payload
-        What is levitated.
+        The levitated body.
     position
         The magnet's centre (3,), m.
     moment, lever
         As in `magnet_balance`.
     step
-        Change of each current, A, over plus and minus which forces are differenced; 1 % of the largest
-        current unless given. Exact where the field is linear in the currents, of second order in the step
-        where iron saturates.
+        Step of the central differences in each current, A; 1 % of the largest current unless given. They are
+        exact where the field is linear in the currents, and of second order in the step where iron saturates.
 
     Returns
     -------

@@ -1,6 +1,7 @@
-"""Calibration of a field against a rig: one field scale, the magnet's offset, gains of the currents; each by name.
+"""Calibration of a field against a rig: field scale, the magnet's offset, and gains of the currents.
 
-What is fitted is said by name, with its covariance and the readings before and after; docs/theory/equilibrium.md (15).
+The result has the fitted parameters by name, their covariance, and the readings before and after;
+docs/theory/equilibrium.md (15).
 """
 
 from __future__ import annotations
@@ -36,14 +37,13 @@ from fieldmap.typing import Array
 PARAMETERS = ("field_scale", "magnet_offset", "current_scale")
 _TYPICAL = {"field_scale": 1.0, "magnet_offset": 0.01}
 _STEP = 1e-4
-"""Of derivatives, in typical values."""
+"""Step of derivatives, as a share of a typical value."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LiftReadings(Record):
     """Currents that carried the magnet: sensed (n,), z of the point that the sensor reads, m; currents (n, n_coils), A;
-    place (n, 2) of the magnet, m, the axis unless given; deviation: standard deviation of the currents over themselves.
-    """
+    place (n, 2) of the magnet, m, the axis unless given; deviation: relative standard deviation of the currents."""
 
     sensed: ArrayLike
     currents: ArrayLike
@@ -53,12 +53,12 @@ class LiftReadings(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PositionReadings(Record):
-    """Places where the magnet came to rest.
+    """Equilibrium positions of the magnet.
 
     sensed (n,): z of the point that the sensor reads, m; currents (n, n_coils), A; places (n, 2), m, NaN where a
-    coordinate was not read; deviation, m. height_held: a controller kept the height by scaling all currents alike, so
-    that only their proportions are known, and the level is sought at which the magnet is carried. from_first: places
-    count from where the magnet was at the first reading, as a sensor's do that was set to zero there.
+    coordinate was not read; deviation, m. height_held: a controller kept the height by scaling all currents alike; only
+    their ratios are used, and the scale that carries the magnet is computed. from_first: places are relative to the
+    first reading, as from a sensor that was set to zero there.
     """
 
     sensed: ArrayLike
@@ -71,8 +71,8 @@ class PositionReadings(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reading(Record):
-    """One compared number: what, measured, and computed with nothing fitted and with the fit. Lifts over the weight,
-    places in m."""
+    """One reading: quantity, measured value, and values computed before and after the fit. Lifts are stated over the
+    weight, places in m."""
 
     quantity: str
     measured: float
@@ -82,9 +82,9 @@ class Reading(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration(Record):
-    """A fit. values and before: every parameter by name; fitted: the names of those that were free, in the order of
-    covariance (k, k), which takes the stated deviations at their word. misfit: root mean square of what is left, in
-    deviations; misfit_before: with nothing fitted. table: every reading."""
+    """A fit. values and before: all parameters by name, after and before it; fitted: names of the free parameters, in
+    the order of covariance (k, k), which assumes the stated deviations. misfit and misfit_before: root mean square of
+    the residuals over their deviations. table: all readings."""
 
     values: Mapping[str, float]
     before: Mapping[str, float]
@@ -101,7 +101,7 @@ class Calibration(Record):
         return dict(zip(self.fitted, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
     def currents(self, currents: ArrayLike) -> Array:
-        """What the field is to be asked at for currents of the rig: scaled by the fitted gains.
+        """Currents of the field for currents of the rig, scaled by the fitted gains.
 
         Parameters
         ----------
@@ -118,7 +118,7 @@ class Calibration(Record):
 
 @dataclass(frozen=True, eq=False)
 class _Table:
-    """Readings, what those are called that are there, and what computes all from the values of all parameters."""
+    """Readings of one kind. rows: names of those that are not NaN. compute: all of them from the parameters' values."""
 
     name: str
     measured: Array
@@ -133,10 +133,10 @@ class _Rig:
     payload: Payload
     moment: MagnetModel
     lever: float
-    # Where each magnet was found last, so that the next search begins there.
+    # Place and level that were found last for each reading: the start of the next search.
     found: dict[int, tuple[Array, float]] = dataclasses.field(default_factory=dict)
-    # The balance of each lift; at each place the error of the magnets' volume rule and the vertical force of the iron's
-    # reaction to them; as computed last.
+    # As computed last: balance and centre of each lift; error of the magnets' volume rule at each place; vertical force
+    # of the iron's reaction at each place.
     lifted: dict[int, tuple[MagnetBalance, Array]] = dataclasses.field(default_factory=dict)
     errors: dict[int, float] = dataclasses.field(default_factory=dict)
     drawn: dict[int, float] = dataclasses.field(default_factory=dict)
@@ -156,7 +156,7 @@ class _Rig:
         return np.array(lifts)
 
     def places(self, read: PositionReadings, values: Mapping[str, float]) -> Array:
-        """Places (2 n,), m, NaN where there is none."""
+        """Places (2 n,), m, NaN where no equilibrium is found."""
         rows = zip(np.asarray(read.sensed), np.asarray(read.currents), np.asarray(read.places), strict=True)
         places = np.array([self._place(k, read.height_held, values, *row) for k, row in enumerate(rows)])
         return np.ravel(places - places[0] if read.from_first else places)
@@ -187,8 +187,8 @@ class _Rig:
         return np.full(2, np.nan)
 
     def stated(self) -> tuple[str, ...]:
-        """What stands for the magnets, and how far off the force at the readings is at most; and how large the iron's
-        reaction to them is."""
+        """The models of the magnets with the largest error of the force, and the largest reaction of the iron, in
+        words."""
         lifted = list(self.lifted.values())
         of_lifts = [float(np.linalg.norm(balance.rule_error(at))) for balance, at in lifted]
         drawn = [float(balance.reaction_force(at[None, :])[0, 2]) for balance, at in lifted]
@@ -219,20 +219,20 @@ def calibrate(
     field
         Any field with a box.
     payload
-        What was levitated.
+        The levitated body.
     lift, positions
         The readings; one kind or both.
     fit
-        Which parameters are free. "field_scale" multiplies every force but that of the iron's reaction to
-        the magnets. "magnet_offset" is the
-        depth of the magnet's centre below the point that the sensor reads, m. "current_scale" multiplies all
-        currents before the field is asked (turns, or an amplifier's gain; where iron saturates that is not
-        the same as a field scale). "gains" stands for one such factor for each coil, called "gain NAME".
+        The free parameters. "field_scale" multiplies every force except the iron's reaction to the magnets.
+        "magnet_offset" is the depth of the magnet's centre below the point that the sensor reads, m.
+        "current_scale" multiplies all currents before the field is evaluated (turns, or an amplifier's gain;
+        with saturating iron this differs from a field scale). "gains" stands for one such factor for each
+        coil, called "gain NAME".
     given
-        Values of parameters that are not free, or where the free ones begin; 1, the payload's magnet_offset,
-        and 1 unless given.
+        Values of fixed parameters and start values of free ones; by default 1, the payload's magnet_offset,
+        and 1.
     limits
-        Lower and upper bound of free parameters, narrower than those above.
+        Lower and upper bounds of free parameters, within the bounds above.
     moment, lever
         As in `magnet_balance`.
 
@@ -244,7 +244,7 @@ def calibrate(
     Raises
     ------
     InputError
-        Where there are no readings, fewer than free parameters, or readings that cannot tell the free parameters apart
+        For no readings, fewer readings than free parameters, or readings that do not distinguish the free parameters
         (named).
 
     Examples
@@ -301,7 +301,7 @@ def calibrate(
 
 
 def _tables(rig: _Rig, lift: LiftReadings | None, positions: PositionReadings | None) -> list[_Table]:
-    """The readings that there are."""
+    """The given readings as tables."""
     coils = len(rig.source.coil_names)
     there = [(name, read) for name, read in (("lift", lift), ("positions", positions)) if read is not None]
     must = "must have readings of lift, of positions, or both"
@@ -317,7 +317,7 @@ def _tables(rig: _Rig, lift: LiftReadings | None, positions: PositionReadings | 
     if positions is not None:
         places = np.asarray(positions.places, dtype=float).reshape(-1, 2)
         if positions.from_first:
-            # The first of them is 0 by itself, and no reading.
+            # The first place is 0 by definition, and not a reading.
             places = np.vstack([np.full(2, np.nan), places[1:] - places[0]])
         rows = tuple(f"{'xy'[axis]} of reading {k}" for k, axis in np.argwhere(np.isfinite(places)))
         compute = partial(rig.places, positions)

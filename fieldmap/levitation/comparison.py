@@ -1,8 +1,7 @@
-"""A field beside what was measured on its machine: the current that lifts the payload, the one factor on the force that
-turns it into the measured current, and where the magnet comes to rest over a direction signal.
+"""Comparison of a field with measurements on its machine: lift current, a factor on the force that reproduces the
+measured current, and equilibrium positions over a direction signal.
 
-The measurements are those of `fieldmap.device.measured`. A field whose machine was not measured gives its lift currents
-alone.
+`fieldmap.device.measured` has the measurements. Without measurements, only the lift currents are computed.
 """
 
 from collections.abc import Sequence
@@ -26,17 +25,17 @@ from fieldmap.records import Record
 from fieldmap.typing import Array
 
 _HEIGHTS = 6
-"""Of a box, ends included, at whose inner ones the lift current is stated where there is no sensor."""
+"""Evenly spaced heights of a box, ends included; without a sensor the lift current is stated at the inner ones."""
 
 
 @dataclass(frozen=True, repr=False)
 class LiftAtHeight(Record):
     """The current in each coil, A, that lifts the payload with its magnet at z = height, m, on the axis.
 
-    current: None where the field does not hold it. beyond: the largest current in all coils, A, that the field holds,
-    where even that lifts too little. sensor_mm: reading of the machine's sensor; measured: the current measured there,
-    A; lift_share: the field's lift at that current over the weight. None where nothing was measured. volume_error: of
-    the current, as of `LiftCurrent`.
+    current: None where it is beyond the field's domain. beyond: the largest current in all coils of the domain, A, if
+    even that lifts too little. sensor_mm: reading of the machine's sensor; measured: measured current there, A;
+    lift_share: computed lift at that current over the weight; all None without a measurement. volume_error: of the
+    current, as in `LiftCurrent`.
     """
 
     height: float
@@ -49,7 +48,7 @@ class LiftAtHeight(Record):
 
     @property
     def ratio(self) -> float | None:
-        """Ours over the measured one."""
+        """Computed over measured current."""
         return None if self.measured is None or self.current is None else self.current / self.measured
 
     def to_dict(self) -> dict[str, Plain]:
@@ -62,19 +61,18 @@ def lift_by_height(
 ) -> tuple[LiftAtHeight, ...]:
     """The lift current on the axis at several heights inside the field's box.
 
-    Heights where the field does not lift are left out, and those at which the payload leaves the field's box.
+    Heights at which the field does not lift, or the payload leaves the field's box, are left out.
 
     Parameters
     ----------
     field
         Any field with a box.
     payload
-        What is levitated.
+        The levitated body.
     machine
-        A measured machine: the heights are those of its stated readings, beside what was measured. Without it
-        the heights divide the box.
+        A measured machine; its stated readings give the heights. Without it the heights divide the box.
     largest
-        The largest current in all coils, A, that the field holds, of a field that does not hold for any.
+        Largest current in all coils, A, of a field that is limited to a domain of currents.
 
     Returns
     -------
@@ -83,12 +81,12 @@ def lift_by_height(
     """
     rows = []
     for reading, height in _heights(field, payload, machine):
-        # Beside a field that no current drives, a negative current may lift, and some may lift less than none.
+        # With a constant part of the field a negative current may lift, and a current may lift less than none.
         driven = not getattr(field, "fixed_sources", ())
         share = _lift_share(field, payload, height, largest) if driven and largest is not None else None
         too_weak = share is not None and 0.0 < share < 1.0
         try:
-            # From the largest current down: no step of the search leaves a field that holds the answer.
+            # The search starts at the largest current, so that it stays in the domain if the result lies there.
             found = None if too_weak else _lift_current(field, payload, height, largest or 1.0)
         except Infeasible:
             continue
@@ -104,12 +102,11 @@ def lift_by_height(
 
 @dataclass(frozen=True, repr=False)
 class ForceFit(Record):
-    """The one factor on the force that turns the lift currents of a field into the measured ones.
+    """A factor on the force that is fitted to measured lift currents.
 
-    factor: least squares of the lift over the weight, less 1, at the measured currents; the reaction of the iron to the
-    magnets stays as it is. currents: in each coil, A, that then
-    lift the payload, one for each of the heights, and deviations: these over the measured ones, less 1. None at heights
-    where the field does not hold the current.
+    factor: minimises the sum of squares of lift / weight - 1 at the measured currents; it leaves the iron's reaction
+    to the magnets unchanged. currents: lift current in each coil with this factor, A, one for each height; deviations:
+    currents over the measured ones, minus 1. None at heights where the current is beyond the field's domain.
     """
 
     factor: float
@@ -125,7 +122,7 @@ def fit_force(field: Field, payload: Payload, lift: Sequence[LiftAtHeight]) -> F
     field
         Any field with a box.
     payload
-        What is levitated.
+        The levitated body.
     lift
         Rows of `lift_by_height`.
 
@@ -145,7 +142,7 @@ def fit_force(field: Field, payload: Payload, lift: Sequence[LiftAtHeight]) -> F
     for row in lift:
         fitted = deviation = None
         if row.measured is not None and row.lift_share:
-            # What a stronger force carries at a current is what the force carries of a lighter payload.
+            # The scaled force lifts the payload at the current at which the original force lifts a lighter one.
             own = _drawn_share(field, payload, row.height)
             lighter = replace(payload, mass=payload.mass * (own + (1.0 - own) / factor))
             found = _lift_current(field, lighter, row.height, row.measured)
@@ -158,13 +155,13 @@ def fit_force(field: Field, payload: Payload, lift: Sequence[LiftAtHeight]) -> F
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ShiftBesideMeasured(Record):
-    """Where the magnet comes to rest along x over x signals (k,), beside what was measured.
+    """Computed and measured equilibrium positions along x over x signals (k,).
 
-    measured (k,), m: x as read. constant_lift (k,), m: ours if the level follows, so that the lift stays what it is at
-    signal 0, as a controller of the height makes it; levels (k,), A: that level. constant_level (k,), m: ours if the
-    level stays `level`, A, the measured lift current. Both count from `zero`, m, the reading at signal 0; NaN where the
-    field does not hold the currents. n: of `LiftAndDirections`; sensor_mm: reading of the vertical sensor, and height:
-    z of the magnet's centre, m. source: where the readings are printed.
+    measured (k,), m: x as read. constant_lift (k,), m: computed with a level that keeps the lift at signal 0, as a
+    height controller does; levels (k,), A: that level. constant_level (k,), m: computed with the constant level
+    `level`, A, the measured lift current. Both start from `zero`, m, the reading at signal 0; NaN where no equilibrium
+    is found. n: of `LiftAndDirections`; sensor_mm: reading of the vertical sensor, and height: z of the magnet's
+    centre, m. source: of the readings.
     """
 
     source: str
@@ -185,19 +182,18 @@ def shifts_beside_measured(
 ) -> tuple[ShiftBesideMeasured, ...]:
     """Every measured shift with this parametrisation, the payload upright.
 
-    Those are left out whose height lies outside the field's box, or for which the field has no equilibrium at
-    signal 0.
+    Shifts at a height outside the field's box, or without an equilibrium at signal 0, are left out.
 
     Parameters
     ----------
     field
         Any field with a box.
     payload
-        What is levitated.
+        The levitated body.
     machine
         The measured machine.
     parametrisation
-        How signals become currents.
+        Parametrisation of the currents by signals.
 
     Returns
     -------
@@ -257,7 +253,7 @@ def _heights(
 
 
 def _lift_current(field: Field, payload: Payload, height: float, first: float) -> LiftCurrent | None:
-    """None where the field does not hold it. Raises Infeasible where the field does not lift."""
+    """The lift current; None if it is beyond the field. Raises Infeasible where the field does not lift."""
     try:
         return lift_current(field, payload, [0.0, 0.0, height], first=first)
     except OutsideMapError:
@@ -265,7 +261,7 @@ def _lift_current(field: Field, payload: Payload, height: float, first: float) -
 
 
 def _lift_share(field: Field, payload: Payload, height: float, current: float) -> float | None:
-    """Lift of the payload, upright, over its weight at equal currents; None where the field does not hold them."""
+    """Lift of the upright payload over its weight at equal currents; None if these are beyond the field."""
     point, currents = np.array([[0.0, 0.0, height]]), np.full(len(field.coil_names), current)
     try:
         force = float(magnetic_body(payload).wrench(field, point, currents)[0, 2])
@@ -275,7 +271,7 @@ def _lift_share(field: Field, payload: Payload, height: float, current: float) -
 
 
 def _drawn_share(field: Field, payload: Payload, height: float) -> float:
-    """What the iron's reaction to the magnets carries of the weight."""
+    """Vertical force of the iron's reaction to the magnets, over the weight."""
     point = np.array([0.0, 0.0, height])
     balance = magnet_balance(field, np.zeros(len(field.coil_names)), payload, point, "fixed")
     return float(balance.reaction_force(point[None, :])[0, 2] / balance.weight)

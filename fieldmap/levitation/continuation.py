@@ -1,4 +1,4 @@
-"""Pseudo-arclength continuation [1]: solutions of R(q, p) = 0 are followed in the parameter p, around folds.
+"""Pseudo-arclength continuation [1], which follows solutions of R(q, p) = 0 in the parameter p, around folds.
 
 1. H. B. Keller, Numerical solution of bifurcation and nonlinear eigenvalue problems, in Applications of Bifurcation
    Theory (ed. P. H. Rabinowitz), Academic Press, 1977, 359-384.
@@ -28,7 +28,7 @@ _GROWTH, _SMALLEST = 1.5, 1e-4
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fold(Record):
-    """Where a branch turns back: the parameter has an extremum, and two solutions meet."""
+    """A point at which a branch turns back: the parameter has an extremum, and two solutions meet."""
 
     parameter: float
     unknowns: Array
@@ -44,8 +44,8 @@ class FollowedBranch(Record):
     unknowns : (n, k).
     at_stops : unknowns at the stops that were reached before the first fold or edge.
     folds : in the order in which they were passed.
-    ended : "last stop"; "edge", when the unknowns or the parameter left their range; or "steps", when the most steps
-        were done.
+    ended : "last stop"; "edge", when the unknowns or the parameter left their range; or "steps", after the
+        largest number of steps.
     """
 
     parameters: Array
@@ -88,7 +88,7 @@ def follow_branch(
     step
         Largest step, in units of `scale`.
     most_steps
-        Most steps.
+        Largest number of steps.
 
     Returns
     -------
@@ -171,7 +171,7 @@ class _Walk:
         return None, length
 
     def _next_stop(self, v: Array, tangent: Array, length: float) -> Array | None:
-        """The point at the last stop if this step would pass it, else None. The residual may not exist beyond it."""
+        """The point at the last stop if this step would pass it, else None: the residual may not exist beyond it."""
         last = self.stops[-1] / self.scale[-1]
         beyond = (v[-1] + length * tangent[-1] - last) * self.way
         if self.folds or beyond < 0 or tangent[-1] * self.way <= 0:

@@ -38,9 +38,9 @@ TOLERANCE = 1e-8
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SearchReport(Record):
-    """How an equilibrium was found: starts tried and how many of them converged, calls of the field, relative
-    residual |F + m g| / weight, antisymmetric part of the stiffness relative to its norm (0 for an exactly
-    curl-free field; an interpolated field has some), and the box of the payload's centre that was searched (m)."""
+    """The search for an equilibrium: numbers of starts tried and of starts that converged, evaluations of the force,
+    relative residual |F + m g| / weight, antisymmetric part of the stiffness relative to its norm (0 for an exactly
+    curl-free field, small for an interpolated one), and the box of the payload's centre that was searched, m."""
 
     method: str
     starts: int
@@ -59,12 +59,11 @@ class Equilibrium(Record):
     position (3,): the payload's centre, m. force_residual (3,): magnetic force plus weight, N.
     stiffness (3, 3): -dF_i/dx_j, N/m. eigenvalues (3,) ascending, N/m, of its symmetric part, and
     directions (3, 3) with the unit eigenvectors as columns; stable (3,): whether the magnet is pushed back
-    along each of them. moment (3,) in A m^2 and currents (n_coils,) in A, at the equilibrium; held: which way the
-    moment of the magnets points and whether it turns, such as "moment down, fixed". field (3,): B in T in the middle of
-    the payload's magnets and soft iron. others (n, 3): further equilibria of the same currents found on
-    the way, m. volume_error: by how much a finer volume rule of the magnets moves the place, m; 0 where the
-    rule is exact or no shape is known, NaN where that is not known: the finer rule leaves the field, or is too far off.
-    assumptions: what the numbers rest on.
+    along each of them. moment (3,) in A m^2 and currents (n_coils,) in A, at the equilibrium; held: direction of the
+    moment of the magnets and whether it turns, such as "moment down, fixed". field (3,): B in T in the middle of the
+    payload's magnets and soft iron. others (n, 3): further equilibria found at the same currents, m. volume_error:
+    displacement of the place with a finer volume rule of the magnets, m; 0 where the rule is exact or no shape is
+    known, NaN where the finer rule leaves the field or its place is not found. assumptions: of the numbers.
     """
 
     position: Array
@@ -130,19 +129,19 @@ def find_equilibrium(
     currents
         (n_coils,), one number for all coils, or by name, A.
     payload
-        What is levitated, which points as it says: its magnets are integrated over their volume by the rule of its
-        `volume_level`; 1, and a moment without a shape, are point dipoles. Pieces stay upright while soft iron
+        The levitated body, with its direction. Its magnets are integrated over their volume by the rule of its
+        `volume_level`; at level 1, or without a shape, they are point dipoles. Pieces stay upright, and soft iron
         follows B.
     start
         The payload's centre (3,), m, from which to begin. Without it the search covers all places at which the
-        payload's magnets, and the middles of its soft iron, lie in the box. Of several equilibria the
-        one with most stable directions nearest to the box's vertical axis is returned, and the rest are in
-        `.others`.
+        payload's magnets, and the centres of its soft iron, lie in the box. Of several equilibria, the one with
+        the most stable directions is returned or, if several have as many, the one of these that is nearest to the
+        box's vertical axis; the rest are in `.others`.
     moment
         "fixed" keeps the payload's direction; "aligned" lets the moment follow B, as a point dipole. Unless given,
-        "aligned" for a payload that states turning = "free", "fixed" for any other.
+        "aligned" for a payload with turning = "free", "fixed" for any other.
     field_scale
-        What a calibration multiplies every force by but that of the iron's reaction to magnets.
+        Calibration: factor of every force except the iron's reaction to the magnets.
 
     Returns
     -------
@@ -156,7 +155,7 @@ def find_equilibrium(
     OutsideMapError
         For a start at which the payload leaves the box.
     NoEquilibrium
-        When nothing balances, with the lift that is available.
+        If there is no equilibrium; the error states the available lift.
 
     Examples
     --------
@@ -195,14 +194,14 @@ def find_equilibrium(
 
 def _eigen(stiffness: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     eigenvalues, directions = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
-    # Of a direction and its opposite, the one with the positive largest component.
+    # The sign of a direction makes its largest component positive.
     directions = directions * np.sign(directions[np.abs(directions).argmax(axis=0), range(3)])
-    # A direction with no force to speak of is not stable.
+    # A direction with a negligible stiffness is not stable.
     return eigenvalues, directions, eigenvalues > 1e-9 * np.abs(eigenvalues).max()
 
 
 def _ranked(balance: MagnetBalance, box: Bounds, found: list[Array], begin: Array | None) -> list[Array]:
-    """By distance from where the search began; else the stable ones first, then by distance from the axis."""
+    """Equilibria by distance from the start if there is one; else by stability, then by distance from the axis."""
     axis = 0.5 * (box[0] + box[1])
 
     def order(x: Array) -> tuple[float, float]:
@@ -262,7 +261,7 @@ def _result(
 
 
 def assumptions(moment: str) -> tuple[str, ...]:
-    """What the force on one magnet rests on."""
+    """Assumptions of the force on one magnet."""
     held = {
         "fixed": "the moment keeps its direction, up or down as the payload states",
         "aligned": "the moment stays parallel to the local field and keeps its magnitude",
@@ -275,7 +274,7 @@ def assumptions(moment: str) -> tuple[str, ...]:
 
 
 def assumptions_of_pieces(payload: Payload) -> tuple[str, ...]:
-    """What the force on a payload of pieces rests on."""
+    """Assumptions of the force on a payload of pieces."""
     return (
         f"the payload of {payload.description} stays upright",
         *magnetic_body(payload).assumptions,
@@ -297,11 +296,10 @@ def best_starts(grid: Array, unbalance: Array, box: Bounds) -> Array:
 
 
 def roots(balance: MagnetBalance, box: Bounds, starts: Array) -> list[Array]:
-    """Distinct points of balance reached from the starts (trust region, analytic derivative, kept in the
-    box).
+    """Distinct points of balance in the box that are reached from the starts (trust region, analytic derivative).
 
-    Where the force of a map steps from one cell to the next, by no more than the map's own error, balance may lie in
-    the step; such a point is taken if none is better.
+    The force of a map may jump between cells by up to the map's error, and the balance may lie in such a jump; a point
+    there is accepted if there is no better one.
     """
     lower, upper = box
     inset = 1e-9 * (upper - lower)
@@ -324,7 +322,7 @@ def roots(balance: MagnetBalance, box: Bounds, starts: Array) -> list[Array]:
 
 
 def _distinct(answers: list[scipy.optimize.OptimizeResult], unbalance: float, apart: float) -> list[Array]:
-    """Where the answers lie that leave no more force than `unbalance` weights, each place once."""
+    """Distinct places of the answers with a residual force of at most `unbalance` weights."""
     found: list[Array] = []
     for answer in answers:
         new = all(np.linalg.norm(answer.x - other) > apart for other in found)
@@ -334,7 +332,7 @@ def _distinct(answers: list[scipy.optimize.OptimizeResult], unbalance: float, ap
 
 
 def largest_step(balance: MagnetBalance) -> float:
-    """Largest step of the force between cells of a map, over the weight; 0 for a field that has none."""
+    """Largest jump of the force between cells of a map, over the weight; 0 for a continuous field."""
     return balance.magnitude * balance.source.gradient_jump(balance.currents) / balance.weight
 
 
@@ -342,17 +340,17 @@ _ELSEWHERE = "at a place of your choice: fieldmap currents --lift, or currents_f
 
 
 def _towards_lift(balance: MagnetBalance, payload: Payload, lift: float, drawn: float) -> str:
-    """What to do where the largest lift is too small for the weight; drawn: the iron's reaction in it, N."""
+    """The remedy if the largest lift is too small for the weight. drawn: part of the iron's reaction in the lift, N."""
     body = balance.body if isinstance(balance, BodyBalance) else None
     magnets, soft = body is None or len(body.points) > 0, body is not None and bool(body.soft)
     if lift > max(drawn, 0.0):
-        # The force on induced moments alone goes with the square of the currents.
+        # Without magnets, the force on induced moments is proportional to the square of the currents.
         ratio = ((balance.weight - drawn) / (lift - drawn)) ** (1.0 if magnets else 0.5)
         by = "" if magnets and soft else f" ({ratio:.3g} times, if the iron is linear)"
         return f"raise the currents{by}, lighten the payload, or use a map that reaches nearer to the coils"
     if not balance.currents.any():
         return "turn the currents on"
-    # Soft iron is pulled towards the stronger field whatever the sign.
+    # Soft iron is pulled towards the stronger field for either sign of the currents.
     more = "put more current into the coils above"
     if magnets:
         over = "the rotation of the pieces" if payload.pieces else 'payload.direction = "down" or "up"'
@@ -363,7 +361,7 @@ def _towards_lift(balance: MagnetBalance, payload: Payload, lift: float, drawn: 
 def no_equilibrium(
     balance: MagnetBalance, payload: Payload, grid: Array, residuals: Array, tried: int
 ) -> NoEquilibrium:
-    """The error that says where balance was looked for and what lift there is."""
+    """The error that states the searched box and the available lift."""
     lift = residuals[:, 2] + balance.weight
     high, low = int(lift.argmax()), int(lift.argmin())
     nearest = int(np.linalg.norm(residuals, axis=1).argmin())

@@ -1,5 +1,5 @@
 """The current that carries the weight at a given point; currents of least power that lift a magnet, or push it along
-one axis and nowhere else: docs/theory/closed_loop.md (23), (24)."""
+one axis only: docs/theory/closed_loop.md (23), (24)."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ class LiftCurrent(Record):
     current: the common factor, A; currents (n_coils,) = current * shares. position (3,): the payload's centre, m.
     force (3,): magnetic force there, N; its z component is the weight, the other two are not balanced.
     force_per_ampere (3,), N/A of common current: dF/di at these currents. stiffness (3, 3) = -dF_i/dx_j, N/m.
-    held: which way the moment of the magnets points and whether it turns, such as "moment down, fixed". field (3,): B
-    in T in the middle of the payload's magnets and soft iron. volume_error: by how much a finer volume rule of the
-    magnets changes the current, A; 0 where the rule is exact or no shape is known, NaN where the finer rule leaves the
-    field. assumptions: what the numbers rest on. history: (common current in A, lift in N) of every state that was
-    solved on the way, empty for a field that superposes, with or without a constant part.
+    held: direction of the moment of the magnets and whether it turns, such as "moment down, fixed". field (3,): B in T
+    in the middle of the payload's magnets and soft iron. volume_error: change of the current with a finer volume rule
+    of the magnets, A; 0 where the rule is exact or no shape is known, NaN where the finer rule leaves the field.
+    assumptions: of the numbers. history: (common current in A, lift in N) of every state that was solved; empty for a
+    field that superposes, with or without a constant part.
     """
 
     current: float
@@ -84,32 +84,31 @@ def lift_current(
 ) -> LiftCurrent:
     """Common current that carries the weight at a position.
 
-    The magnet points as the payload says, and the current is negative if a positive one pulls it down. A field that is
+    The magnet has the payload's direction, and the current is negative if a positive one pulls it down. A field that is
     proportional to the currents gives i = m g / (lift per ampere), docs/theory/equilibrium.md. If the field has a
-    constant part, i carries the rest of the weight. The moment of a payload that states turning = "free" follows the
-    field, which may be of any kind then, and any other field is
-    evaluated at about four currents: at `first`, then at `first` times weight divided by lift, then by the secant,
-    until |F_z - m g| <= tolerance m g. Once two currents bracket the weight, the secant stays between them. A
-    payload of pieces stays upright. The current of one with soft iron is found by the same search: the pull on soft
-    iron grows with the square of the current. Magnets are integrated over their volume by the rule of the payload's
-    `volume_level`; 1, and a moment without a shape, are point dipoles.
+    constant part, i carries the rest of the weight. The secant method finds the current for any other field, for a
+    payload with turning = "free", whose moment follows the field, and for soft iron, whose force grows with the square
+    of the current. It evaluates about four currents: `first`, then `first` times weight over lift, then secants until
+    |F_z - m g| <= tolerance m g. Once two currents bracket the weight, the secant stays between them. A payload of
+    pieces stays upright. Magnets are integrated over their volume by the rule of the payload's `volume_level`; at level
+    1, or without a shape, they are point dipoles.
 
     Parameters
     ----------
     field
         Any `fieldmap.field.Field` that has a box.
     payload
-        What is lifted.
+        The levitated body.
     position
-        The payload's centre (3,), m. Its magnets, and the middles of its soft iron, must lie in the box.
+        The payload's centre (3,), m. Its magnets, and the centres of its soft iron, must lie in the box.
     shares
         Current of each coil per ampere of common current (n_coils,); 1 in every coil unless given.
     first
         Common current of the first state, A, positive.
     tolerance
-        Of the lift, as a share of the weight.
+        Tolerance of the lift, as a share of the weight.
     on_state
-        Is called with the common current, A, and F_z / (m g) after each state.
+        Called with the common current, A, and F_z / (m g) after each state.
 
     Returns
     -------
@@ -145,16 +144,16 @@ def lift_current(
 
 
 def _require_pull(balance: MagnetBalance, point: Array, force: Array) -> None:
-    """Raise Infeasible for a force (3,), N, of the currents without a vertical part."""
+    """Raise Infeasible if the force (3,), N, of the currents has no vertical part."""
     middle = (point + balance.arms.mean(axis=0))[None, :]
     size = balance.magnitude * np.linalg.norm(balance.source.gradient(middle, balance.currents))
-    # Rounding leaves some 1e-16 of the gradient where the force vanishes.
+    # Where the force vanishes, rounding leaves about 1e-16 of the gradient.
     if abs(force[2]) <= 1e-12 * size:
         raise no_lift("lift_current", point)
 
 
 def no_lift(where: str, point: Array) -> Infeasible:
-    """The error of a place (3,), m, at which nothing lifts."""
+    """The error for a place (3,), m, at which the coils do not lift."""
     must_hold = "dBz/dz must not vanish where a vertical magnet is to be lifted"
     received, remedy = "no vertical force for the given shares", "choose another position or other shares"
     return Infeasible.of(_at(point, where), must_hold, received, remedy)
@@ -216,7 +215,7 @@ def _by_secant(
     tolerance: float,
     on_state: Callable[[float, float], None] | None,
 ) -> LiftCurrent:
-    """The lift current by the secant, from `first` on. If the field superposes it is cheap: the limit is 1e-9 then."""
+    """The lift current by the secant method, from `first` on, to 1e-9 for a field that superposes, which is cheap."""
     at = point[None, :]
     balance = magnet_balance(field, first * shares, payload, point, _model(payload))
     check_position(balance.box, point, _POSITION)
@@ -262,7 +261,7 @@ def _by_secant(
             )
             received = f"{payload.description}, {first:g} A, no lift"
             raise Infeasible.of(_at(point), must_hold, received, remedy)
-        # Soft iron is pulled with the square of the current.
+        # The pull on soft iron grows with the square of the current.
         current = _next_current(tried, 0.5 if payload.soft else 1.0)
     if field.affine and isinstance(balance, BodyBalance):
         about = wrench_actuation(field, point, balance.body, balance.currents, balance.orientation)
@@ -282,7 +281,7 @@ def _by_secant(
 
 
 def _model(payload: Payload) -> MagnetModel:
-    """Pieces stay upright here, whether the payload may turn or not."""
+    """The model of the payload; pieces stay upright here, even if the payload may turn."""
     return "fixed" if payload.pieces else model_of(payload)
 
 
@@ -342,7 +341,7 @@ def _at(point: Array, where: str = "lift_current") -> str:
 # A combination of coils whose force per ampere is less than this share of the largest is left out: it would need more
 # than a thousand times the current.
 _WEAKEST = 1e-3
-# Coils push along x or y by themselves if no component of their force is off by more than this share of the force.
+# Coils push along x or y alone if no component of their force has an error above this share of the force.
 _LEFT = 0.1
 
 
@@ -361,7 +360,7 @@ def force_per_ampere(field: Field, moment: Array, point: Array, currents: Array)
     point
         Its position (3,), m.
     currents
-        Currents (n,), A, about which it holds.
+        Currents (n,), A, at which the derivative is taken.
 
     Returns
     -------
@@ -372,7 +371,7 @@ def force_per_ampere(field: Field, moment: Array, point: Array, currents: Array)
 
 
 def lift_shares(force_per_ampere: ArrayLike) -> Array:
-    """Currents of least power that lift, and push sideways as little as they can.
+    """Currents of least power that lift, with the smallest possible sideways force.
 
     Parameters
     ----------
@@ -382,12 +381,12 @@ def lift_shares(force_per_ampere: ArrayLike) -> Array:
     Returns
     -------
     Array
-        (n,), the largest of size 1.
+        (n,), scaled to a largest size of 1.
 
     Raises
     ------
     Infeasible
-        Where the coils do not lift.
+        If the coils do not lift.
 
     Examples
     --------
@@ -398,7 +397,7 @@ def lift_shares(force_per_ampere: ArrayLike) -> Array:
 
 
 def push_shares(force_per_ampere: ArrayLike, axis: int) -> Array:
-    """Currents of least power that push along x or y and nowhere else.
+    """Currents of least power that push along x or y only.
 
     Parameters
     ----------
@@ -410,12 +409,12 @@ def push_shares(force_per_ampere: ArrayLike, axis: int) -> Array:
     Returns
     -------
     Array
-        (n,), the largest of size 1.
+        (n,), scaled to a largest size of 1.
 
     Raises
     ------
     Infeasible
-        Where the coils do not push that way by themselves.
+        If the coils cannot push along that axis alone.
 
     Examples
     --------
@@ -426,8 +425,8 @@ def push_shares(force_per_ampere: ArrayLike, axis: int) -> Array:
 
 
 def signal_pushes(force_per_ampere: ArrayLike) -> tuple[Array, tuple[str, ...]]:
-    """Currents (n, 2) of `push_shares` along x and y, and the axes along which the coils do not push by themselves,
-    whose currents are zero."""
+    """Currents (n, 2) of `push_shares` along x and y, zero for an axis along which the coils cannot push alone; and the
+    names of such axes."""
     pushes, idle = [], []
     for axis in (0, 1):
         try:
@@ -439,13 +438,13 @@ def signal_pushes(force_per_ampere: ArrayLike) -> tuple[Array, tuple[str, ...]]:
 
 
 def idle_note(axis: str) -> str:
-    """What is assumed of an axis along which the coils do not push by themselves."""
+    """The assumption for an axis along which the coils cannot push alone."""
     return f"the coils do not push along {axis} by themselves: that signal does nothing"
 
 
 def _towards(force_per_ampere: ArrayLike, axis: int) -> Array:
-    """Currents (n,) of least power that push along an axis and not along the others, the largest of size 1. Raises
-    Infeasible where there are none."""
+    """Currents (n,) of least power that push along one axis only, scaled to a largest size of 1. Raises Infeasible if
+    there are none."""
     given = np.transpose(force_per_ampere)
     force, wanted = check_signal("least_power(force_per_ampere).T", given, columns=3).T, np.eye(3)[axis]
     currents = np.linalg.pinv(force, rcond=_WEAKEST) @ wanted

@@ -1,4 +1,4 @@
-"""Where a payload may stand in the box of a field: one place that is asked for, and the places of a search."""
+"""Places of a payload in the box of a field: checks of one place, and the grid of a search."""
 
 from __future__ import annotations
 
@@ -33,23 +33,22 @@ def check_point(position: ArrayLike, where: str) -> Array:
 
 
 def check_centre(bounds: Bounds, payload: Payload, position: ArrayLike, where: str) -> Array:
-    """The centre (3,) of a payload, m, finite and, of a point dipole, inside the box of the field; the box for the
-    centre of a larger body follows from the field, which says which way up it is held (`MagnetBalance.box`). Raises
-    InputError and OutsideMapError."""
+    """A finite centre (3,) of a payload, m. The centre of a point dipole must lie in the box of the field; for a larger
+    body the box of centres depends on its orientation (`MagnetBalance.box`). Raises InputError and OutsideMapError."""
     return check_point(position, where) if payload.extended else check_position(bounds, position, where)
 
 
 def box_of_centres(bounds: Bounds, arms: Array) -> Bounds:
-    """The box of the centres of a body at which all its points lie in the box of the field, m.
+    """The box of centres of a body at which all its points lie in the box of the field, m.
 
-    A body whose points all lie to one side of its centre may have its centre outside the field's box.
+    The centre of a body may lie outside the field's box if all its points lie to one side of the centre.
 
     Parameters
     ----------
     bounds
         The box of the field, m.
     arms
-        Points of the body from its centre (n, 3), m.
+        Points of the body (n, 3), relative to its centre, m.
 
     Returns
     -------
@@ -63,7 +62,7 @@ def box_of_centres(bounds: Bounds, arms: Array) -> Bounds:
     """
     lower, upper = bounds
     low, high = arms.min(axis=0), arms.max(axis=0)
-    # Centre and arm are rounded when they are added.
+    # Room for rounding in the sum of centre and arm.
     low, high = low - 1e-9 * np.abs(low), high + 1e-9 * np.abs(high)
     if (high - low > upper - lower).any():
         must_hold = "the magnets and the middles of the soft iron must fit into the field's box"
@@ -78,13 +77,13 @@ def box_of_centres(bounds: Bounds, arms: Array) -> Bounds:
 def search_grid(box: Bounds) -> Array:
     """Points (n, 3) that span the box."""
     lower, upper = box
-    # A hair inside the box, so that rounding never puts a point outside it.
+    # Slightly inside the box, so that rounding does not put a point outside.
     margin = 1e-9 * (upper - lower)
     return grid_points(lower + margin, upper - margin, SEARCH_SHAPE)
 
 
 def grid_points(lower: Array, upper: Array, counts: tuple[int, ...]) -> Array:
-    """Points (n, d) of a grid of so many along each axis from one corner (d,) to the other, the last axis fastest."""
+    """Points (n, d) of a grid between two corners (d,), the last axis fastest. counts: points along each axis."""
     axes = map(np.linspace, lower, upper, counts)
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(counts))
 

@@ -40,7 +40,7 @@ from fieldmap.typing import Array, Index
 _APART = 0.3
 # Least gain of another sweep, as a share of the size of the set.
 _GAIN = 1e-7
-# Currents may exceed their limits by this share: rounding.
+# Currents may exceed their limits by this share, because of rounding.
 _ROUNDING = 1e-9
 # A hull is flat if its thickness is less than this share of its length.
 _THIN = 1e-9
@@ -56,7 +56,7 @@ class _Effort(NamedTuple):
     directions : number of directions, without the six along the axes.
     seeds : number of currents that are evaluated first.
     starts : number of searches for each direction.
-    steps : most steps of a search.
+    steps : largest number of steps of a search.
     sweeps : most repetitions for directions with better starts than before.
     """
 
@@ -123,7 +123,7 @@ class SearchedSet(SetAtPoint):
     currents: Array
 
     def currents_along(self, direction: ArrayLike) -> Array:
-        """Those of the currents found that bring the quantity furthest along a direction.
+        """The currents found that bring the quantity furthest along a direction.
 
         Parameters
         ----------
@@ -138,7 +138,7 @@ class SearchedSet(SetAtPoint):
         return self.currents[int(np.argmax(self.values @ np.asarray(direction, dtype=float)))]
 
     def largest_along(self, direction: ArrayLike) -> float:
-        """How far `currents_along` reaches along a direction.
+        """The furthest value found along a direction.
 
         Parameters
         ----------
@@ -512,7 +512,7 @@ class ReachableSet(SetAtPoint):
         return np.where(share > 0, self.upper, np.where(share < 0, self.lower, rest))
 
     def largest_along(self, direction: ArrayLike) -> float:
-        """How far the set reaches along a direction.
+        """The furthest value of the set along a direction.
 
         Parameters
         ----------

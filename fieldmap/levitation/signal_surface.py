@@ -1,4 +1,4 @@
-"""Where a magnet comes to rest over two direction signals."""
+"""Equilibrium positions of a magnet over two direction signals."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from fieldmap.typing import Array
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EquilibriumSurface(Record):
-    """Places of a magnet over signals x (a,) and y (b,).
+    """Equilibrium positions of a magnet over signals x (a,) and y (b,).
 
-    positions (a, b, 3), m, and levels (a, b), A: the lift signal; NaN where there is no such place in the map, or no
-    current in its domain. stable (a, b): whether the magnet is pushed back in both horizontal directions there.
-    field_scale: what the force was multiplied by so that the lift carries the weight at the signals nearest to 0.
+    positions (a, b, 3), m, and levels (a, b), A: the lift signal; NaN where no equilibrium is found in the map and its
+    domain of currents. stable (a, b): whether the magnet is pushed back in both horizontal directions there.
+    field_scale: factor on the force with which the lift equals the weight at the signals nearest to 0.
     """
 
     x_signals: Array
@@ -55,20 +55,20 @@ def equilibrium_surface(
     hold_height: bool = True,
     shares: Any = None,
 ) -> EquilibriumSurface:
-    """Points of no horizontal force at one height, for all pairs of direction signals.
+    """Points without horizontal force at one height, for all pairs of direction signals.
 
-    Each place is looked for from that of its neighbour nearer to 0, so that one branch is followed. Signals are those
-    of the parametrisation. Any other field, and every one for which shares are given, takes level (shares + x c_x + y
-    c_y): c_x pushes along x and nowhere else with least power, its largest current 1, at this height in the middle of
-    the box, and c_y along y (docs/theory/closed_loop.md (24)). Along an axis on which the coils do not push by
-    themselves the signal does nothing, and the assumptions say so.
+    The search for each place starts at the place of the neighbour nearer to 0, so that one branch is followed. Currents
+    are those of a `LiftAndDirections` parametrisation. Without one, or with shares, they are level (shares + x c_x + y
+    c_y): c_x pushes along x only, with least power and a largest current of 1, at this height in the middle of the box,
+    and c_y along y (docs/theory/closed_loop.md (24)). Along an axis on which the coils cannot push alone the signal has
+    no effect, and the assumptions say so.
 
     Parameters
     ----------
     field
         Any `fieldmap.field.Field` with a box.
     payload
-        What is levitated.
+        The levitated body.
     x_signals
         (a,), 1.
     y_signals
@@ -78,11 +78,10 @@ def equilibrium_surface(
     height
         z of the magnet's centre, m.
     parametrisation
-        How signals become currents; that which the map was made for unless given.
+        Parametrisation of the currents by signals; by default the one that the map was made for.
     hold_height
-        Whether the level follows, so that the lift stays what it is at the signals nearest to 0 and at
-        `level`, as a controller of the height makes it. Otherwise it is constant, and the vertical force is
-        left as it is.
+        Whether the level is adjusted to keep the lift at the signals nearest to 0 and at `level`, as a
+        height controller does. Otherwise the level is constant, and the vertical force is not balanced.
     shares
         Currents per ampere of the level (n_coils,), 1 unless given.
 
@@ -100,7 +99,7 @@ def equilibrium_surface(
     Infeasible
         Where the coils do not lift.
     NoEquilibrium
-        Where there is none at the signals nearest to 0.
+        If there is no equilibrium at the signals nearest to 0.
 
     Examples
     --------
@@ -162,7 +161,7 @@ def equilibrium_surface(
 def _least_power(
     field: Field, payload: Payload, point: Array, level: float, shares: Any
 ) -> tuple[Callable[[Array], Array], str]:
-    """How level and direction signals (3,) become currents (n_coils,) of least power, and that in words."""
+    """A function from level and direction signals (3,) to currents (n_coils,) of least power, and a text about it."""
     lift = coil_currents(shares, field.coil_names)
     balance = magnet_balance(field, level * lift, payload, point, "fixed")
     check_position(balance.box, point, "equilibrium_surface(height)")

@@ -45,10 +45,10 @@ class StationaryPoint(Record):
     horizontal : (2,), eigenvalues of the horizontal part of the stiffness, ascending, N/m.
     kind : "stable" if both eigenvalues are positive, "saddle" if one is, "unstable" if none is.
     lift : vertical magnetic force, N.
-    volume_error : by how much a finer volume rule of the magnets changes the force, N; 0 where the rule is exact
-        or no shape is known, NaN where the finer rule leaves the field.
-    reaction : vertical force of the iron's reaction to the magnets, N, part of the lift; 0 where the field does not
-        know it.
+    volume_error : change of the force with a finer volume rule of the magnets, N; 0 where the rule is exact or no
+        shape is known, NaN where the finer rule leaves the field.
+    reaction : vertical force of the iron's reaction to the magnets, N, part of the lift; 0 for a field without the
+        reaction.
     """
 
     position: Array
@@ -78,7 +78,7 @@ class StationarySet(Record):
     boundary_index : number of turns of the horizontal force along the edge of the window.
     lower, upper : (2,), corners of the window, m.
     height : z of the magnet's centre, m.
-    assumptions : what the points rest on.
+    assumptions : of the points.
     """
 
     points: tuple[StationaryPoint, ...]
@@ -213,7 +213,7 @@ def to_equilibrium(balance: MagnetBalance, start: Array, low: Array, high: Array
 
 
 def _window(box: Bounds, corners: list[Array] | None, height: float) -> tuple[Array, Array]:
-    """The corners (2,) that are asked for, or those of the whole box. Raises InputError and OutsideMapError."""
+    """The given corners (2,), or the corners of the whole box. Raises InputError and OutsideMapError."""
     lower, upper = box if corners is None else corners
     inset = 1e-9 * float((upper - lower)[:2].max()) if corners is None else 0.0
     low, high = lower[:2] + inset, upper[:2] - inset

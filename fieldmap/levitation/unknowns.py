@@ -1,10 +1,10 @@
-"""Unknown numbers found from readings by least squares, whatever computes the readings: a field that is scaled
-(`calibrate`), or a device that is solved anew (`fieldmap.studies.fit_machine`).
+"""Unknown parameters fitted to readings by least squares. The readings are computed by a scaled field (`calibrate`), or
+by a device that is solved anew (`fieldmap.studies.fit_machine`).
 
 The misfit is the sum of squares of (computed - measured) / deviation over all readings, and over the priors of the
-unknowns. Each step of Gauss and Newton, in the trust region of `scipy.optimize.least_squares`, takes derivatives by
-differences, to one side on the way and central ones for the covariance. That is (J^T J)^-1, which takes the deviations
-at their word (J. V. Beck and K. J. Arnold, Parameter Estimation in Engineering and Science, Wiley 1977, section 7.7).
+unknowns. Gauss-Newton steps, in the trust region of `scipy.optimize.least_squares`, use one-sided differences for the
+derivatives. The covariance is (J^T J)^-1 with central differences; it assumes the stated deviations (J. V. Beck and
+K. J. Arnold, Parameter Estimation in Engineering and Science, Wiley 1977, section 7.7).
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ from fieldmap.inputs.tables import Number, Positive, Text
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-# Difference for derivatives, as a share of the value where the unknown begins: above what a new mesh changes.
+# Default step of derivatives, as a share of the start value: larger than the changes that a new mesh causes.
 _STEP = 0.01
-# Along a combination of unknowns that the readings hold no better than this share of their values they tell nothing.
+# Relative standard deviation above which the readings do not determine a combination of unknowns.
 _UNKNOWN = 1.0
-# Unknowns with more than this part in such a combination belong to it.
+# Smallest component of an unknown that belongs to such a combination.
 _PART = 0.2
-# Smallest singular value over the largest at which unknowns are told apart at all.
+# Smallest singular value over the largest below which the readings do not distinguish the unknowns at all.
 _RANK = 1e-6
-# What a number that cannot be computed counts, in measured ones, and a hundred deviations besides.
+# Residual of a number that cannot be computed: this many times the measured number, and a hundred deviations more.
 _FAR = 3.0
 
 
 @dataclass(frozen=True, repr=False)
 class Unknown(Record):
-    """A number of the device to be found: key path and where the search begins, in the unit of the key.
+    """A parameter of the device to be fitted: key path and start value, in the unit of the key.
 
     lower, upper: bounds. prior: mean and standard deviation that are known from elsewhere. step: difference for the
     derivative, a hundredth of `start` unless given.
@@ -74,7 +74,7 @@ class Unknown(Record):
 
 
 class Measured(Protocol):
-    """Measured numbers (n,), NaN where nothing was read, and their standard deviation, one or (n,)."""
+    """Measured numbers (n,), NaN where nothing was read, and their standard deviation, one for all or (n,)."""
 
     @property
     def name(self) -> str: ...
@@ -85,16 +85,16 @@ class Measured(Protocol):
 
 
 Compute = Callable[[dict[str, float], Sequence[Any]], "list[Array]"]
-"""The numbers of tables, NaN where there is none, at values of the unknowns by their keys."""
+"""Computes the numbers of tables at values of the unknowns by key; NaN for a number that cannot be computed."""
 Workers = Callable[[Callable[[Any], "list[Array]"], "Sequence[Any]"], Iterable["list[Array]"]]
-"""What does the same with many things, as `map` does."""
+"""A function like `map` that may work in parallel."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ReadingsFit(Record):
-    """One table of readings beside the fit: measured, before (with the unknowns where they began), after, and
-    uncertainty (n,) of `after` from that of the unknowns. used: whether it was fitted, or is predicted. misfit and
-    misfit_before: root mean square over the deviations."""
+    """One table of readings: measured, before (at the start values), after the fit, and uncertainty (n,), the standard
+    deviation of `after` due to the unknowns. used: whether the table was fitted, not predicted. misfit and
+    misfit_before: root mean square of the residuals over the deviations."""
 
     name: str
     used: bool
@@ -108,9 +108,10 @@ class ReadingsFit(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Found(Record):
-    """What a fit found: values by key; covariance (k, k); indistinct: groups of unknowns of which the readings hold
-    some combination no better than its own size; alike: those whose combination they do not hold at all. misfit and
-    misfit_before: of the tables that were fitted. solves: how often tables were computed. notes: on how it ended."""
+    """Result of a fit: values by key; covariance (k, k); indistinct: groups of unknowns with a combination whose
+    standard deviation exceeds its size; alike: the unknowns of a combination that the readings do not determine at all.
+    misfit and misfit_before: of the fitted tables. solves: number of computations of tables. notes: on the end of the
+    fit."""
 
     values: dict[str, float]
     covariance: Array
@@ -124,7 +125,7 @@ class Found(Record):
 
 
 def wrong_numbers(one: Unknown) -> Iterator[tuple[str, str, str]]:
-    """What must hold of the numbers of an unknown and does not, what was received, and the remedy."""
+    """For each wrong number of an unknown: what must hold, what was received, and the remedy."""
     low, high = one.lower, one.upper
     if not (low <= one.start <= high and low < high and np.isfinite(one.start)):
         received = f"lower {low:g}, start {one.start:g}, upper {high:g}"
@@ -139,7 +140,7 @@ def wrong_numbers(one: Unknown) -> Iterator[tuple[str, str, str]]:
 def _mistakes(
     where: str, unknowns: Sequence[Unknown], tables: Sequence[Measured], used: int
 ) -> Iterator[Problem]:
-    """What is wrong with unknowns and tables, of which the first `used` are fitted."""
+    """The problems of unknowns and tables; the first `used` tables are fitted."""
     keys = [one.key for one in unknowns]
     if not keys or len(set(keys)) < len(keys):
         must_hold, remedy = "must name at least one key, each once", "list Unknown(key, start)"
@@ -171,8 +172,8 @@ def find_unknowns(
     **how: Any,
 ) -> Found:
     """Fit the first `used` tables, and predict the others. on_solve is called with the values of each solve. workers: a
-    function like `map` that computes tables for the derivatives. how: for `scipy.optimize.least_squares`. Raises
-    InputError, told of `where`, for unknowns and tables that do not fit."""
+    function like `map` that computes tables for the derivatives. how: options of `scipy.optimize.least_squares`. Raises
+    InputError at `where` for wrong unknowns and tables."""
     raise_all(_mistakes(where, unknowns, tables, used))
     work = _Work(unknowns, tables, compute, on_solve, workers)
     fitted, every = range(used), range(len(tables))
@@ -217,7 +218,7 @@ def _compute(compute: Compute, job: tuple[dict[str, float], Sequence[Any]]) -> l
 
 
 class _Work:
-    """Tables at any values of the unknowns, of which what was read counts; what was computed is kept."""
+    """Tables computed at values of the unknowns, with only the numbers that were read. Results are cached."""
 
     def __init__(
         self,
@@ -246,13 +247,13 @@ class _Work:
         return {one.key: float(value) for one, value in zip(self._unknowns, x, strict=True)}
 
     def computed(self, x: Array, numbers: Sequence[int]) -> list[Array]:
-        """What was read of some tables, as computed; NaN where there is no such number."""
+        """Computed numbers of some tables, for those that were read; NaN where one cannot be computed."""
         self.prepare([x], numbers)
         return [self._kept[x.tobytes(), k] for k in numbers]
 
     def left(self, x: Array, numbers: Sequence[int]) -> list[Array]:
-        """(computed - measured) / deviation of some tables. A number that cannot be computed counts as far off, so that
-        the fit turns back."""
+        """Residuals (computed - measured) / deviation of some tables. A number that cannot be computed has a large one,
+        so that the fit turns back."""
         found = []
         for k, values in zip(numbers, self.computed(x, numbers), strict=True):
             off = (values - self.measured[k]) / self.deviation[k]
@@ -261,10 +262,10 @@ class _Work:
         return found
 
     def prepare(self, points: Sequence[Array], numbers: Sequence[int]) -> None:
-        """Compute what is not known yet of tables at several sets of values; more than one set by the workers."""
+        """Compute tables at several sets of values unless they are cached; the workers share several jobs."""
         apart = {x.tobytes(): x for x in points}
         missing = [(point, k) for point in apart for k in numbers if (point, k) not in self._kept]
-        # Workers get a table each, one process all tables of one set of values, which it then solves once.
+        # Each worker gets one table. Without workers a job has all tables of one set of values, solved once.
         groups = [[one] for one in missing]
         if self._workers is map:
             groups = [[one for one in missing if one[0] == point] for point in dict(missing)]
@@ -281,7 +282,7 @@ class _Work:
                 self._on_solve(job[0])
 
     def slopes(self, x: Array, numbers: Sequence[int], central: bool) -> list[Array]:
-        """Derivatives (n, k) of what is left of each of some tables, by differences within the bounds."""
+        """Derivatives (n, k) of the residuals of each of some tables, by differences within the bounds."""
         pairs = []
         for k, step in enumerate(self.steps):
             low, high = x.copy(), x.copy()
@@ -302,7 +303,7 @@ class _Work:
     def table(
         self, k: int, used: bool, before: Array, after: Array, slopes: Array, covariance: Array
     ) -> ReadingsFit:
-        """One table beside the fit."""
+        """The result of one table."""
         measured, deviation = self.measured[k], self.deviation[k]
         spread = np.einsum("nk,kl,nl->n", slopes, covariance, slopes)
         uncertainty = deviation * np.sqrt(np.maximum(spread, 0.0))
@@ -320,8 +321,8 @@ def _root_mean_square(values: Array) -> float:
 def _covariance(
     slopes: Array, scale: Array, names: Sequence[str]
 ) -> tuple[Array, tuple[tuple[str, ...], ...], tuple[str, ...]]:
-    """(J^T J)^-1, the unknowns in each combination that the readings do not hold, and those in the one that they do not
-    hold at all. scale (k,): typical values."""
+    """(J^T J)^-1, the unknowns in each combination that the readings do not determine to its own size, and those in the
+    one that they do not determine at all. scale (k,): typical values."""
     _, size, directions = np.linalg.svd(slopes * scale, full_matrices=False)
     deviation = 1 / np.maximum(size, 1e-12 * max(size[0], 1e-300))
     parts = [

@@ -1,7 +1,7 @@
-"""What a coil's ampere does at a pose: actuation matrices, and what limited currents can reach with them.
+"""Actuation matrices: field, force and torque per ampere in each coil, and the largest values within current limits.
 
-docs/theory/actuation.md. Rows are components, columns coils; for fields that are the sum of their coils' fields, and of
-one that no current drives, whose share is the matrix's `constant`, and for saturating iron about given currents.
+docs/theory/actuation.md. Rows are components, columns coils. The field of fixed sources is in `constant`. For
+saturating iron a matrix holds about given currents.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ RANK = 1e-10
 class Actuation(Record):
     """A matrix (rows, n_coils): matrix @ currents + constant are the named components in SI units, currents in A.
 
-    constant (rows,): what is there with all currents off, None for nothing.
+    constant (rows,): the part that the currents do not change; None for zero.
     """
 
     rows: tuple[str, ...]
@@ -42,7 +42,7 @@ class Actuation(Record):
 
     @cached_property
     def singular_values(self) -> Array:
-        """Of the matrix as it stands, largest first; compare rows of one unit only."""
+        """Singular values of the unscaled matrix, largest first. They make sense only for rows of one unit."""
         return np.asarray(np.linalg.svd(self.matrix, compute_uv=False), float)
 
     @cached_property
@@ -54,36 +54,34 @@ class Actuation(Record):
 
     @property
     def _scaled(self) -> Array:
-        """The rows at length 1."""
+        """The matrix with rows of length 1."""
         length = np.linalg.norm(self.matrix, axis=1)
         return np.asarray(self.matrix / np.where(length > 0, length, 1.0)[:, None])
 
     @property
     def rank(self) -> int:
-        """How many independent combinations of the rows the currents command."""
+        """Number of independent combinations of the rows that the currents command."""
         return self.matrix.shape[1] - self.null_space.shape[1]
 
     @property
     def condition(self) -> float:
-        """Largest singular value over the smallest, of the rows scaled to length 1; infinite unless currents command
-        every row by itself."""
+        """Largest over smallest singular value, with rows of length 1; infinite if the rank is below their number."""
         if self.rank < len(self.rows):
             return float("inf")
         size = np.linalg.svd(self._scaled, compute_uv=False)
         return float(size[0] / size[-1])
 
     def largest(self, directions: ArrayLike, limits: Limits) -> Array:
-        """Largest component along given directions that currents within the limits give.
+        """Largest component along each direction for currents within the limits, with all other components free.
 
-        The others are left free: sum_k max(lower_k a_k, upper_k a_k) with a = direction . matrix, and
-        direction . constant.
+        It is sum_k max(lower_k a_k, upper_k a_k) + direction . constant with a = direction . matrix.
 
         Parameters
         ----------
         directions
             Directions (k, rows).
         limits
-            A number for both directions of the currents, or (lower, upper), A. Infinite limits give infinity.
+            Largest magnitude of the currents, or (lower, upper), A. Infinite limits give infinity.
 
         Returns
         -------
@@ -112,11 +110,10 @@ def actuation(
     orientation: ArrayLike | None = None,
     loop: float | None = None,
 ) -> Actuation:
-    """What each coil's ampere does at a position: the matrix about given currents.
+    """Actuation matrix at a position, about given currents.
 
-    matrix @ i + constant is what currents i give: exactly where the field is the sum of its coils' and
-    nothing is soft iron, to first order about `currents` otherwise: with the derivatives of
-    `FieldMap.by_currents`, which says how far they are off.
+    matrix @ i + constant are the components at currents i. This is exact if the field superposes and the body has no
+    soft iron. Otherwise it holds to first order about `currents`; for the error see `FieldMap.by_currents`.
 
     Parameters
     ----------
@@ -127,12 +124,12 @@ def actuation(
     currents
         Currents (n_coils,), A, about which the matrix holds.
     moment
-        Of a dipole (3,), A m^2, or a `MagneticBody`; none for the flux densities alone.
+        Moment of a dipole (3,), A m^2, or a `MagneticBody`; None for the rows of the field alone.
     orientation
-        Of a body: rotation (3, 3) whose columns are its axes; upright unless given.
+        Rotation (3, 3) of a body, with its axes as columns; upright unless given.
     loop
-        A: slopes of loops of this size, instead of derivatives, as for `FieldMap.by_currents`. Of a field that
-        superposes they are the same.
+        Size of current loops, A, whose slopes replace the derivatives: see `FieldMap.by_currents`. A field that
+        superposes has the same slopes.
 
     Returns
     -------
@@ -169,7 +166,7 @@ def field_actuation(field: AnyField, position: ArrayLike, currents: Any = None) 
     position
         Position (3,) in the frame of the field, m.
     currents
-        Currents (n_coils,), A, about which the matrix holds, where iron saturates.
+        Currents (n_coils,), A, about which the matrix holds; needed for saturating iron.
 
     Returns
     -------
@@ -194,7 +191,7 @@ def gradient_actuation(field: AnyField, position: ArrayLike, currents: Any = Non
     position
         Position (3,) in the frame of the field, m.
     currents
-        Currents (n_coils,), A, about which the matrix holds, where iron saturates.
+        Currents (n_coils,), A, about which the matrix holds; needed for saturating iron.
 
     Returns
     -------
@@ -225,12 +222,11 @@ def wrench_actuation(
     position
         Position (3,) in the frame of the field, m.
     moment
-        Of the dipole (3,), A m^2, or a `MagneticBody`.
+        Moment of the dipole (3,), A m^2, or a `MagneticBody`.
     currents
-        Currents (n_coils,), A, about which the matrix holds, where iron saturates, that of the coils or of
-        the body.
+        Currents (n_coils,), A, about which the matrix holds; needed for saturating iron and for soft iron in the body.
     orientation
-        Of a body: rotation (3, 3) whose columns are its axes; upright unless given.
+        Rotation (3, 3) of a body, with its axes as columns; upright unless given.
 
     Returns
     -------
@@ -253,7 +249,7 @@ _SELECTED = np.eye(12)[[0, 1, 2, 3, 4, 5, 7, 8]]
 
 
 def dipole_rows(moment: Array) -> Array:
-    """(6, 12): force F_j = m_i G_ij and torque m x B of (B, G row by row)."""
+    """Matrix (6, 12) from (B, G row by row) to force F_j = m_i G_ij and torque m x B on a dipole."""
     force = np.hstack([np.zeros((3, 3)), np.kron(moment, np.eye(3))])
     x, y, z = moment
     turn = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -263,8 +259,9 @@ def dipole_rows(moment: Array) -> Array:
 def derivatives_by_currents(
     source: Field, points: Array, currents: Any, loop: float | None = None
 ) -> tuple[Array, Array, Array, Array]:
-    """B and gradient per ampere, (p, n, 3) and (p, n, 3, 3), at points (p, 3), and their rest (p, 3) and (p, 3, 3): the
-    sum of both is the field at any currents, of saturating iron to first order about `currents`."""
+    """B and gradient per ampere, (p, n, 3) and (p, n, 3, 3), at points (p, 3), and the part (p, 3) and (p, 3, 3) that
+    the currents do not change. Together they are the field at any currents, for saturating iron to first order about
+    `currents`."""
     by_currents = getattr(source, "by_currents", None)
     if source.affine or currents is None or by_currents is None:
         # Raises InputError for a field that neither superposes nor has derivatives.
@@ -294,7 +291,7 @@ def _on_body(
     amperes = np.zeros(coils) if currents is None else coil_currents(currents, source.coil_names)
     points = _one(position) + body.all_points @ turn.T
     by_flux, by_slope, *rest = derivatives_by_currents(source, points, amperes, loop)
-    # What the currents do not drive, or drive in another way than in proportion, is one more field, of weight 1.
+    # The part of the field that is not proportional to the currents is one more field, of weight 1.
     every = [np.concatenate([a, b[:, None]], axis=1) for a, b in zip((by_flux, by_slope), rest, strict=True)]
     reacts = reacting_at(source.reaction, points)
     wrench, slopes = body.by_fields(every[0], every[1], turn, reacts)(np.append(amperes, 1.0))
@@ -319,7 +316,7 @@ def _selected(
     currents: Any,
     loop: float | None = None,
 ) -> Actuation:
-    """selection (rows, 12) of (B, G row by row) and its derivatives by the currents."""
+    """Actuation of the components selection (rows, 12) @ (B, G row by row)."""
     source = as_field(field)
     by_flux, by_slope, flux, slope = derivatives_by_currents(source, _one(position)[None], currents, loop)
 
@@ -336,8 +333,8 @@ def capability(
 ) -> tuple[Array, Array]:
     """Largest force and torque on a dipole along given directions.
 
-    Each is taken by itself, the other components left free: see `Actuation.largest`. `currents_for` tells
-    what can be had at once.
+    Each value leaves the other components free: see `Actuation.largest`. `currents_for` finds currents for several
+    components at once.
 
     Parameters
     ----------
@@ -346,11 +343,11 @@ def capability(
     positions
         Positions (n, 3) in the frame of the field, m.
     moment
-        Of the dipole (3,), A m^2.
+        Moment of the dipole (3,), A m^2.
     directions
         Directions (k, 3).
     limits
-        A number for both directions of the currents, or (lower, upper), A; None for no limits.
+        Largest magnitude of the currents, or (lower, upper), A; None for no limits.
 
     Returns
     -------
@@ -369,7 +366,7 @@ def capability(
     most_force, most_torque = _supported(force, low, high), _supported(torque, low, high)
     if source.proportional and source.reaction is None:
         return most_force, most_torque
-    # What is there with all currents off.
+    # Force and torque without currents.
     pull, turn = np.hsplit(source.wrench(where, dipole, np.zeros(len(source.coil_names))), 2)
     return most_force + pull @ axes.T, most_torque + turn @ axes.T
 
@@ -383,7 +380,7 @@ def checked_limits(limits: Limits, n_coils: int) -> tuple[Array, Array]:
     try:
         # The ends of a pair may be of different shapes, a number and one number per coil.
         pair = limits if isinstance(limits, Sequence | np.ndarray) else (np.negative(limits), limits)
-        # Copies: an array that may not be written to is another type to a kernel, and would be compiled for.
+        # Copies: a read-only array is another type to a compiled kernel.
         low, high = (np.array(np.broadcast_to(np.asarray(v, float), n_coils)) for v in pair)
         good = bool(np.all(low <= high))
     except (TypeError, ValueError):

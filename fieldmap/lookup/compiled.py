@@ -1,6 +1,6 @@
 """Fields of maps inside functions that numba compiles: calls of the C core by its addresses.
 
-Only who asks for such functions needs numba: nothing else of `fieldmap.lookup` imports it.
+Only these functions need numba: no other module of `fieldmap.lookup` imports it.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ def at(data, x, y, z):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def at_currents(data, currents, x, y, z):  # type: ignore[no-untyped-def]
-    """As `at`, for currents (n_coils,), A, that change from call to call. Raises ValueError for another number."""
+    """As `at`, for currents (n_coils,), A, that change from call to call. Raises ValueError for a wrong number."""
     if currents.size != data[COILS]:
         raise ValueError(_WRONG_COUNT)
-    # No copy of numbers that lie one behind the other, as the core takes them.
+    # The core needs contiguous numbers; an array that is contiguous is not copied.
     row = np.ascontiguousarray(currents)
     v = numba.carray(_call_field_of(data.ctypes, row.ctypes, x, y, z), (12,))
     return (v[0], v[1], v[2]), ((v[3], v[4], v[5]), (v[6], v[7], v[8]), (v[9], v[10], v[11]))
@@ -50,7 +50,7 @@ def at_currents(data, currents, x, y, z):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def _asked(data, currents, place, turn):  # type: ignore[no-untyped-def]
-    """The numbers with which a wrench or linkages are asked, one behind the other, however the arrays lie."""
+    """The input of a wrench or of linkages as contiguous numbers, for arrays of any layout."""
     coils, numbers = currents.size, np.empty(data[ROOM])
     for k in range(coils):
         numbers[k] = currents[k]
@@ -64,7 +64,7 @@ def _asked(data, currents, place, turn):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, nogil=True)
 def linkages_at(data, currents, place, turn, linkages, inductance):  # type: ignore[no-untyped-def]
     """Fill linkages (n_coils,) and inductance (n_coils, n_coils): see `fieldmap.lookup.compiled_linkages`. Raises
-    ValueError for another number of currents."""
+    ValueError for a wrong number of currents."""
     coils = data[COILS]
     if currents.size != coils or linkages.size != coils or inductance.shape != (coils, coils):
         raise ValueError(_WRONG_COUNT)
@@ -80,7 +80,7 @@ def linkages_at(data, currents, place, turn, linkages, inductance):  # type: ign
 
 @numba.njit(cache=True, nogil=True)
 def wrench_at(data, currents, place, turn, wrench, slopes):  # type: ignore[no-untyped-def]
-    """Fill wrench (6,) and slopes (6, n_coils): see `fieldmap.lookup.compiled_wrench`. Raises ValueError for another
+    """Fill wrench (6,) and slopes (6, n_coils): see `fieldmap.lookup.compiled_wrench`. Raises ValueError for a wrong
     number of currents."""
     coils = data[COILS]
     if currents.size != coils or slopes.shape[1] != coils:

@@ -1,4 +1,4 @@
-"""From currents to the weights of a map's fields, where the iron saturates: Newton's method on the reduced model."""
+"""Weights of the fields of a map of saturating iron at given currents: Newton's method on the reduced model."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from fieldmap.typing import Array
 
 OUTSIDE_CURRENTS = ("raise", "nan", "evaluate")
 STEP_TOLERANCE = 1e-7
-"""Of the steps of iron with hysteresis, each of which begins where the last one ended."""
+"""Tolerance of the steps of iron with hysteresis, whose errors can add up: each begins where the last one ended."""
 # Tolerances of Newton's method: the error of the state in the energy norm, as a share. `_TIGHT` is for tables,
 # `_OF_SEARCH` for searches over currents.
 _TIGHT, _OF_SEARCH = 1e-8, 1e-10
 # Tolerance of lookups from Python. With it two solves of the same currents that begin at different states agree within
 # 1e-6. The extra step of Newton's method costs less than the call itself.
 _OF_LOOKUPS = 5e-7
-# Of steps to the ends of small loops, which differ little from each other.
+# Tolerance of steps to the ends of small loops, whose states differ little.
 _OF_LOOPS = 1e-10
-# Of flux linkages, whose error is of the first order in that of the state.
+# Tolerance of flux linkages, whose error is of first order in the error of the state.
 _OF_LINKAGES = 1e-10
-# Size of a loop, as a share of the largest currents, after which no cell stands at the end of its play.
+# Size of a loop, as a share of the largest currents, that moves all play cells away from the ends of their play.
 _FREEING = 1e-5
 _REMEDY = 'make a map with a wider [currents], or open this one with outside_currents="evaluate"'
 
@@ -72,14 +72,14 @@ class CurrentModel:
         Rule for currents outside the domain: "raise" (OutsideMapError), "nan", or "evaluate", which evaluates
         the model there without a statement of its error.
     follow
-        Begin each solve at the state of the previous call. This is quicker where currents change little from
+        Begin each solve at the state of the previous call. This is quicker if currents change little from
         call to call. Results then depend on earlier calls, by 1e-6 at most. Each thread has a state of its
         own.
 
     Attributes
     ----------
-    remembered : what iron with hysteresis remembers, numbers of `IronState.remembered`, from which every solve begins;
-        none for other iron. `along` gives iron with hysteresis its first.
+    remembered : memory of iron with hysteresis (`IronState.remembered`), from which every solve begins; empty for other
+        iron. `along` makes the first memory.
     """
 
     def __init__(
@@ -147,8 +147,8 @@ class CurrentModel:
     def weights_and_slopes(self, currents: Array, loop: float | None = None) -> tuple[Array, Array]:
         """`weights` of one set of currents (c,), and their slopes (n_fields, c) by the currents, 1/A.
 
-        Slopes are derivatives, at the currents of the memory those of smallest loops. With `loop` (A) they are those of
-        loops of this size: see `FieldMap.by_currents`.
+        Slopes are derivatives; at the currents of the memory they are slopes of infinitesimal loops. With `loop` (A)
+        they are slopes of loops of this size: see `FieldMap.by_currents`.
         """
         weights = np.empty(len(currents) + self.fields_beside_coils)
         slopes = np.empty((len(weights), len(currents)))
@@ -166,33 +166,33 @@ class CurrentModel:
         return weights, with_secants(slopes, np.transpose(secants), swings)
 
     def after_loop(self, currents: Array, swing: Array) -> CurrentModel:
-        """The same iron in the middle of the second of two loops, at currents (c,) plus `swing` (c,), be they in the
-        domain or not. Raises NotConverged."""
+        """The same iron in the middle of the second of two loops, at currents (c,) plus `swing` (c,), inside the domain
+        or outside. Raises NotConverged."""
         if not self.model.remembers:
             return self
         return self.along(currents + np.outer([0.0, 1.0, -1.0, 1.0], swing), _OF_LOOPS)
 
     def _swings(self, currents: Array, loop: float) -> Array:
-        """Changes (c, d) of the currents by each signal, up to `loop` of the current that changes most."""
+        """Changes (c, d) of the currents by each signal. The largest change of a current is `loop`."""
         of = self.model.parametrisation
         slopes = of.derivative(of.nearest(currents).values)
         most = np.abs(slopes).max(axis=0)
         return np.asarray(slopes * np.divide(loop, most, out=np.zeros_like(most), where=most > 0.0))
 
     def _freed(self) -> CurrentModel:
-        """This iron after a loop so small that it only moves cells from the ends of their play. Which of those that
-        stand there would move at the same currents is rounding."""
+        """This iron after a loop so small that it only moves cells away from the ends of their play. Otherwise rounding
+        decides which of the cells at an end move."""
         swing = _FREEING * self.model.domain.largest
         return self.along(self.last_currents + np.outer([1.0, -1.0, 0.0], swing), _OF_LOOPS)
 
     def linkages(
         self, currents: Array, inductance: bool = False, *, checked: bool = True
     ) -> tuple[Array, Array]:
-        """What the iron adds to the flux linkages (c,), Wb, at currents (c,), and to their derivatives (c, c) by the
-        currents, H, symmetric, which are zero unless asked for: docs/theory/flux_linkage.md (3), (4).
+        """The iron's part of the flux linkages (c,), Wb, at currents (c,), and of their derivatives (c, c) by the
+        currents, H, symmetric, which are zero without `inductance`: docs/theory/flux_linkage.md (3), (4).
 
-        Raises OutsideMapError for currents beyond the domain unless `outside` is "evaluate" or they are not checked,
-        and NotConverged.
+        Raises OutsideMapError for currents beyond the domain unless `outside` is "evaluate" or `checked` is false, and
+        NotConverged.
         """
         free = not checked or self._outside == "evaluate"
         if not free and (problem := self._outside_domain(currents)) is not None:
@@ -210,7 +210,7 @@ class CurrentModel:
         return CurrentSearch(state, self.model.coil_count + self.fields_beside_coils, fresh)
 
     def amplitudes(self, currents: Array) -> Array:
-        """Amplitudes (r,) of the modes at currents (c,), inside the domain or outside, more exact than in a lookup."""
+        """Amplitudes (r,) of the modes at currents (c,), inside the domain or outside, to the tolerance of tables."""
         (state, fresh), amperes = self._beginning("tight"), np.array(currents, dtype=np.float64)
         weights = np.empty(len(amperes) + self.fields_beside_coils)
         if state.solve(amperes, weights, tolerance=_TIGHT, fresh=fresh) != FOUND:
@@ -246,7 +246,7 @@ class CurrentModel:
         return self.along(currents[None])
 
     def along(self, path: Array, tolerance: float = STEP_TOLERANCE) -> CurrentModel:
-        """The same iron after straight steps to currents (n, c), be they in the domain or not. Raises NotConverged."""
+        """The same iron after straight steps to currents (n, c), inside the domain or outside. Raises NotConverged."""
         state, weights = self._new_state(), np.empty(self.model.coil_count + self.fields_beside_coils)
         for row in np.array(path, dtype=np.float64, order="C"):
             if state.step(row, weights, tolerance=tolerance) != FOUND:
@@ -267,7 +267,7 @@ class CurrentModel:
 
     @property
     def dissipated(self) -> float:
-        """What the iron turned into heat on its path since it was demagnetised, J."""
+        """Heat dissipated in the iron on its path since it was demagnetised, J."""
         return heat_of(self.remembered) / MU0
 
     def _state(self, name: str) -> IronState:
@@ -285,7 +285,7 @@ class CurrentModel:
         return state
 
     def _beginning(self, name: str) -> tuple[IronState, bool]:
-        """The state of this name as it was before its first solve, and whether a solve has to begin from nothing."""
+        """The state of this name, and whether a solve must begin afresh. Iron with hysteresis begins at its memory."""
         state = self._state(name)
         if self.model.remembers:
             state.recall(self.remembered)
@@ -348,13 +348,13 @@ class CurrentModel:
 
 
 def with_secants(slopes: Array, secants: Array, swings: Array) -> Array:
-    """Slopes (n, c) by currents that have changes `secants` (n, d) along changes `swings` (c, d) of the currents, and
-    across them are as they were."""
+    """Slopes (n, c) by currents, corrected so that changes `swings` (c, d) of the currents give `secants` (n, d).
+    Slopes orthogonal to the swings do not change."""
     return np.asarray(slopes + (secants - slopes @ swings) @ np.linalg.pinv(swings))
 
 
 def require_no_memory(remembers: bool, where: str) -> None:
-    """Raise InputError for iron with hysteresis, where its memory would be lost. where: function and argument."""
+    """Raise InputError for iron with hysteresis, whose memory would be lost. where: function and argument."""
     must_hold, received = "a map whose field the present currents tell", "one of iron with hysteresis"
     remedy = "use it at fixed currents, with the memory that it has: field.at(currents)"
     check(not remembers, where, must_hold, received, remedy)

@@ -1,4 +1,4 @@
-"""The model of a map of saturating iron for the C core: its arrays, and an expansion to begin with."""
+"""The model of a map of saturating iron for the C core: its arrays, and an expansion at which solves begin."""
 
 from __future__ import annotations
 
@@ -17,26 +17,25 @@ from fieldmap.threads import over_rows
 from fieldmap.typing import Array
 
 COMPILED_TOLERANCE = 1e-4
-"""What a solve of compiled callers may leave, of the state, in the norm of the energy. The field is then off by a tenth
-of what such models are, or less: docs/theory/current_dependence.md."""
-# Terms of the expansion: as many of any degree, and more up to the twelfth; states for each of them, and how exactly
-# these are solved.
+"""Tolerance of solves in compiled callers: error of the state in the energy norm, a share. It adds at most a tenth of
+the error of such models to the field: docs/theory/current_dependence.md."""
+# Most terms of the expansion, and most terms up to the total degree _LOW_DEGREE. States solved per term, and tolerance
+# of these solves.
 _MOST_TERMS, _MOST_OF_LOW_DEGREE, _LOW_DEGREE = 170, 460, 12
 _STATES_PER_TERM, _TOLERANCE = 2, 1e-4
-# Of such a solve, as `over_rows` counts it.
+# Work of such a solve, in the unit of `over_rows`.
 _WORK = 20_000.0
-# Total degrees of the expansions from which the states of the next are solved.
+# Total degrees of the first expansions. The solves for each expansion begin at the previous one.
 _FIRST_DEGREES = (1, 3, 6)
-# The solve from nothing, in the middle of the domain.
+# Tolerance of the first solve, in the middle of the domain.
 _TOLERANCE_OF_MIDDLE = 1e-6
 
 
 def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:
-    """The arrays of a model, with an expansion fitted to its solutions: some hundreds of solves, half a
-    second at most. Without an expansion for iron with hysteresis.
+    """The arrays of a model, with an expansion fitted to its solutions by some hundreds of solves, in half a second at
+    most. Iron with hysteresis has no expansion.
 
-    checked: whether currents beyond the domain are refused. Raises NotConverged where Newton's method fails in the
-    domain.
+    checked: whether currents beyond the domain are refused. Raises NotConverged if Newton's method fails in the domain.
     """
     free = CompiledModel(
         _own(model.source),
@@ -58,7 +57,7 @@ def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:
         _own(model.shares),
     )
     if model.remembers:
-        # Solves begin at what the iron remembers.
+        # Solves begin at the memory of the iron.
         return free._replace(domain=compiled_domain(model.domain, checked), tolerance=COMPILED_TOLERANCE)
     domain, weights = model.domain, np.empty(field_count(free))
     state = CoreIron(core_numbers(free)).state()
@@ -66,7 +65,7 @@ def compiled_model(model: ReducedModel, checked: bool) -> CompiledModel:
     known = free._replace(expansion=state.amplitudes[None].astype(np.float32))
     terms = expansion_terms(domain.parametrisation.signal_count)
     for degree in (*_FIRST_DEGREES, np.inf):
-        # Where an expansion of low degree begins, the states for the next one take fewer steps.
+        # Solves that begin at an expansion of low degree take fewer steps.
         some = terms[degrees_of(terms) <= degree]
         shares = _spread(_STATES_PER_TERM * len(some), len(model.lower))
         signals = domain.parametrisation.within(domain.lower, domain.upper, shares)
@@ -85,12 +84,12 @@ def _spread(count: int, dimensions: int) -> Array:
 
 
 def _own(values: NDArray[Any], kind: type | None = None) -> NDArray[Any]:
-    """A copy, row by row: other layouts would be compiled for anew."""
+    """A copy in C order, the only layout that compiled code takes."""
     return np.array(values, dtype=kind, order="C")
 
 
 def compiled_domain(domain: CurrentDomain, checked: bool) -> SignalDomain:
-    """The domain as compiled code takes it; checked: whether it refuses currents outside."""
+    """The domain for compiled code. checked: whether currents outside are refused."""
     division, exponent, matrix = domain.parametrisation.kernel()
     beside = ROUNDING * (domain.upper - domain.lower)
     limit = getattr(domain.parametrisation, "limit", None)
@@ -108,7 +107,7 @@ def compiled_domain(domain: CurrentDomain, checked: bool) -> SignalDomain:
 
 
 def expansion_terms(signals: int) -> NDArray[np.int64]:
-    """Terms (t, 3) of all products up to the highest total degree that has no more of them than there may be."""
+    """Terms (t, 3) of all products up to the highest total degree within the limits on their number."""
     chosen: list[tuple[int, ...]] = [(0,) * signals]
     for degree in range(1, 31):
         more = chosen + _of_degree(signals, degree)
@@ -133,7 +132,7 @@ def degrees_of(terms: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _of_degree(signals: int, degree: int) -> list[tuple[int, ...]]:
-    """The powers of all products of this total degree."""
+    """The degrees in each signal of all products of this total degree."""
     if signals == 1:
         return [(degree,)]
     return [(n, *rest) for n in range(degree + 1) for rest in _of_degree(signals - 1, degree - n)]
@@ -142,14 +141,14 @@ def _of_degree(signals: int, degree: int) -> list[tuple[int, ...]]:
 def _fitted(
     model: CompiledModel, terms: NDArray[np.int64], currents: Array, signals: Array
 ) -> NDArray[np.float32]:
-    """Coefficients (t, r) of the expansion nearest to the solutions at currents (s, c), which signals (s, d) make."""
+    """Coefficients (t, r) of the expansion, fitted to the solutions at currents (s, c) of signals (s, d)."""
     core, rows = CoreIron(core_numbers(model)), np.ascontiguousarray(currents)
     amplitudes = np.empty((len(rows), len(model.constant)))
 
     def solve(start: int, stop: int) -> None:
         state, weights = core.state(), np.empty(field_count(model))
         for k in range(start, stop):
-            # Each from the expansion of before: the states are the same in any order.
+            # Each solve begins at the previous expansion, so that the states do not depend on their order.
             _check(state.solve(rows[k], weights, tolerance=_TOLERANCE, fresh=True), rows[k])
             amplitudes[k] = state.amplitudes
 

@@ -1,4 +1,4 @@
-"""Weights of a saturating map's fields over the signals of a current division, tabulated: microseconds, not Newton."""
+"""Table of the weights of a map of saturating iron over the signals of a current division, for quick lookups."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from fieldmap.records import Record
 from fieldmap.store import FieldError, Grid
 from fieldmap.typing import Array
 
-# Nodes of u, x and y: more are taken until the table's error is this share of the model's own.
+# Numbers of nodes of u, x and y, tried in turn until the table's error is at most _GOOD of the model's own error.
 SIZES = ((5, 17, 17), (7, 21, 21), (9, 33, 33))
 _GOOD = 0.25
-# The field turns sharply at balanced currents: nodes are denser about x = 0 and y = 0 by this power.
+# Exponent of the positions of nodes, which makes them denser about x = 0 and y = 0: the field changes sharply there.
 _GRADING = 1.5
 _STATES, _BALANCED, _SEED = 200, 100, 11
 
@@ -65,12 +65,11 @@ def tabulate(
     wanted: FieldError | None = None,
     nodes: tuple[int, int, int] | None = None,
 ) -> CurrentTable:
-    """The table of an opened map of saturating iron whose currents are a division.
+    """Make the table of an opened map of saturating iron over a current division.
 
-    evaluator: of the map's fields, on whose box's surface, at the nodes of `grid`, the table is compared with the
-    model; wanted: error of the model itself. nodes: of u, x and y, at least four each; unless given, as many as
-    make the table's error small beside `wanted`. Raises InputError for any other map, for iron with hysteresis, and for
-    fewer nodes.
+    Table and model are compared by the fields of `evaluator`, at the nodes of `grid` on the surface of the box. wanted:
+    error of the model. nodes: numbers for u, x and y, at least four each; unless given, enough to make the table's
+    error small against `wanted`. Raises InputError for any other map, for iron with hysteresis, and for fewer nodes.
     """
     divided = None if model is None else model.model.parametrisation
     if model is None or not isinstance(divided, LiftAndDirections):
@@ -87,7 +86,7 @@ def tabulate(
     for size in SIZES if nodes is None else (nodes,):
         axes, every, amplitudes = _solved(model, divided, size)
         values = model.of_amplitudes(amplitudes).reshape(*size, -1)
-        # In the table the slopes are not read: they are found once, for the nodes that are kept.
+        # The comparison needs no slopes. They are computed once, for the final nodes.
         numbers = spline_table(axes, divided, values, np.zeros((0, 0, 0, 0, 0)))
         found = _weights(CoreTable(numbers), states)
         error = FieldError(*(_largest(found - truth, of_field) for of_field in fields))
@@ -128,7 +127,7 @@ def _within(error: FieldError, wanted: FieldError) -> bool:
 
 
 def _weights(table: CoreTable, states: Array) -> Array:
-    """Of the fields behind the coils' (s, k) at currents (s, 6)."""
+    """Weights (s, k) of the fields after those of the coils, at currents (s, 6)."""
     found = np.empty((len(states), 6 + table.numbers.coefficients.shape[-1]))
     for currents, out in zip(np.ascontiguousarray(states), found, strict=True):
         table.weights(currents, out)
@@ -146,7 +145,7 @@ def _solved(
 
 
 def _nodes(lower: float, upper: float, count: int, power: float) -> Array:
-    """Nodes from lower to upper, denser about zero where it lies between."""
+    """Nodes from lower to upper, denser about zero if zero lies between them."""
     if power == 1.0 or not lower < 0.0 < upper:
         return np.linspace(lower, upper, count)
     shares = np.linspace(-1.0, 1.0, count)
@@ -158,15 +157,15 @@ def _states(model: CurrentModel, divided: LiftAndDirections) -> Array:
     """Currents (300, 6) at random, a hundred of them nearly balanced."""
     lower, upper = model.model.lower, model.model.upper
     shares = np.random.default_rng(_SEED).random((_STATES + _BALANCED, 3))
-    # Signals of zero, where they lie in the ranges, are balanced.
+    # Currents are balanced if x and y are zero, or as near to zero as the ranges allow.
     zero = np.clip(-lower / (upper - lower), 0.0, 1.0)[1:]
     shares[_STATES:, 1:] = zero + 0.1 * (shares[_STATES:, 1:] - zero)
     return divided.currents(divided.within(lower, upper, shares))
 
 
 def _on_the_surface(evaluator: Evaluator, grid: Grid, sets: int) -> tuple[Array, Array]:
-    """The fields behind the coils' (k, n, 3) and gradients (k, n, 9) at the nodes on the box's surface, where they are
-    largest."""
+    """Fields (k, n, 3) and gradients (k, n, 9) after those of the coils, at the nodes on the surface of the box, where
+    they are largest."""
     points = grid.points()
     ends = np.stack([grid.lower, grid.upper])
     near = np.abs(points[:, None] - ends) < 0.5 * grid.spacing

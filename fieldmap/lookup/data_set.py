@@ -1,4 +1,4 @@
-"""A map on its nodes as an xarray data set, with coordinates, units, and what the map rests on."""
+"""A map on its nodes as an xarray data set, with coordinates, units and assumptions."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -27,9 +27,8 @@ def data_set(
 ) -> "xarray.Dataset":
     """B and gradient on the nodes of a map, z fastest: (nodes, 3) and (nodes, 3, 3) at currents (n_coils,), A.
 
-    Without currents (nodes, n_coils, 3) and (nodes, n_coils, 3, 3) per ampere, and constant: field
-    and gradient with all currents off, where there is any. kind: of the lookup that they come from.
-    Raises FieldmapError without xarray.
+    Without currents (nodes, n_coils, 3) and (nodes, n_coils, 3, 3) per ampere. constant: field and gradient of fixed
+    sources, if there are any. kind: of the lookup. Raises FieldmapError without xarray.
     """
     xarray_module = require("xarray", "xarray", "FieldMap.to_xarray")
     axes = ("x", "y", "z")
@@ -69,7 +68,7 @@ def _about(unit: str, meaning: str) -> dict[str, str]:
 
 
 def _bound(bound: FieldError | None, quantity: str) -> dict[str, float]:
-    """Certified for currents up to the reference currents, T or T/m; nothing for a map without certificate."""
+    """The error that is certified up to the reference currents, T or T/m; empty for a map without certificate."""
     return {} if bound is None else {"certified_error": float(getattr(bound, quantity))}
 
 

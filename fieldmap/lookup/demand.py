@@ -31,8 +31,8 @@ class Demand(Record):
     """Components with names and wanted values (r,).
 
     The components are selection (r, 12) @ (flux density, gradient row by row); on a body they are selection (r, 18) @
-    (force, torque, flux density, gradient row by row). along: of a magnet that follows the field, the unit vector (3,)
-    along which its moment shall point; least: the flux density along it that there must be at least, T.
+    (force, torque, flux density, gradient row by row). along: for a magnet that follows the field, unit vector (3,) of
+    its moment; least: least flux density along it, T.
     """
 
     names: tuple[str, ...]
@@ -44,11 +44,11 @@ class Demand(Record):
 
     @property
     def on_soft_iron(self) -> bool:
-        """Whether soft iron is in the body, so that its force is no linear function of the field."""
+        """Whether the body has soft iron, so that its force is not linear in the field."""
         return self.body is not None and bool(self.body.soft)
 
     def held(self) -> Demand:
-        """The same with the least flux density along the direction."""
+        """The demand with one more row: the least flux density along the direction."""
         assert self.along is not None
         row = _rows_of_field(self.along[None, :], self.selection.shape[1])
         names, values = (*self.names, "B along"), np.append(self.values, self.least)
@@ -65,7 +65,7 @@ class Demand(Record):
         return ", ".join(parts) or "zero"
 
     def infeasible(self, must_hold: str, remedy: str, note: str = "", **found: Any) -> Infeasible:
-        """The error for this demand; note: more on it; found: attributes of the error."""
+        """The error for this demand. note: added to its text; found: attributes of the error."""
         received = self.text(self.values) + note
         return Infeasible(Problem("currents_for", must_hold, received, remedy), **found)
 
@@ -79,27 +79,27 @@ def demand_of(
     direction: ArrayLike | None = None,
     least: float = 0.0,
 ) -> Demand:
-    """All that is asked for at once; NaN leaves a component free.
+    """The demand for all given quantities at once; NaN leaves a component free.
 
     Parameters
     ----------
     force, torque
         (3,), N and N m, on a dipole or a body about its centre.
     moment
-        (3,), A m^2, of the dipole, or the body; with a direction its size, one number.
+        (3,), A m^2, of the dipole, or the body; with a direction the magnitude of the moment, one number.
     field
         (3,), T.
     gradient
         (3, 3), T/m; its five independent entries count.
     direction
-        (3,), along which the flux density points, of whatever size, and with it the dipole.
+        (3,), direction of the flux density, with any magnitude, and of the dipole.
     least
-        Flux density along it that there must be at least, T.
+        Least flux density along the direction, T.
 
     Raises
     ------
     InputError
-        Where nothing is asked for, or a shape does not fit.
+        If nothing is demanded, or a shape does not fit.
     """
     if direction is not None:
         return _following(force, moment, torque, field, gradient, direction, least)
@@ -158,7 +158,7 @@ def _following(
             or not 0.0 < float(size) < math.inf
         ):
             raise _wrong("moment", "with a direction one positive number, its size in A m^2", size)
-        # As a body, to which the iron reacts.
+        # A body, unlike a moment, includes the iron's reaction.
         moment = MagneticBody.dipole(float(size) * unit)
     across = np.linalg.svd(unit[None, :])[2][1:]
     names = ("B across 1", "B across 2")

@@ -68,7 +68,7 @@ class Evaluator(Protocol):
         Returns
         -------
         int
-            How many points lie outside the box.
+            Number of points outside the box.
         """
 
     def second_gradient(self, points: Array, weights: Array, second: Array) -> int:
@@ -86,7 +86,7 @@ class Evaluator(Protocol):
         Returns
         -------
         int
-            How many points lie outside the box.
+            Number of points outside the box.
         """
 
     def potential(self, points: Array, weights: Array, values: Array) -> int:
@@ -104,7 +104,7 @@ class Evaluator(Protocol):
         Returns
         -------
         int
-            How many points lie outside the box.
+            Number of points outside the box.
         """
 
     def each_field(self, points: Array, flux: Array, slope: Array) -> int:
@@ -122,7 +122,7 @@ class Evaluator(Protocol):
         Returns
         -------
         int
-            How many points lie outside the box.
+            Number of points outside the box.
         """
 
     def at(self, weights: Array) -> Evaluator:
@@ -158,14 +158,14 @@ class Evaluator(Protocol):
         """
 
     def dipole_wrench_at(self, point: Any, moment: Any, weights: Any) -> Array | None:
-        """Force and torque on one dipole, where this is quicker.
+        """Force and torque on one dipole, if the evaluator has a quicker way for one.
 
         Parameters
         ----------
         point
             Position (3,), m.
         moment
-            Of the dipole (3,), A m^2.
+            Moment of the dipole (3,), A m^2.
         weights
             As for `field_at`.
 
@@ -247,18 +247,18 @@ class Box(Record):
 
 
 class MapFields:
-    """Fields that a map holds beside those of its coils.
+    """Further fields of a map besides the fields of its coils.
 
     Parameters
     ----------
     stored
         The fields at the nodes.
     grid
-        Of the nodes.
+        Grid of the nodes.
     kind
-        Interpolant of the map; one that the C core does not evaluate is replaced by "harmonic".
+        Interpolant of the map; "harmonic" replaces an interpolant that the C core does not evaluate.
     box
-        Of the map, with its rule for points outside.
+        Box of the map, with its rule for points outside.
     cells
         Block of the harmonic form of the fields, if a file holds it.
     """
@@ -291,8 +291,7 @@ class MapFields:
 
 
 class MapReaction(MapFields):
-    """The iron's reaction to magnets: a `fieldmap.reaction.Reaction`. stored, grid, kind, box, cells: as of
-    `MapFields`."""
+    """The iron's reaction to magnets: a `fieldmap.reaction.Reaction`. Arguments as for `MapFields`."""
 
     def __init__(
         self, stored: StoredReaction, grid: Grid, kind: str, box: Box, cells: Array | None = None
@@ -352,7 +351,7 @@ def outside_error(points: Array, outside: int, lower: Array, upper: Array) -> Ou
 
 
 class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
-    """The field of a map at fixed currents (`FieldMap.at`): summed once, evaluated as often as you like.
+    """The field of a map at fixed currents (`FieldMap.at`): summed once, then evaluated at any points.
 
     Points, shapes and the rule for points outside are those of `FieldMap`. No method has an argument `currents`.
 
@@ -367,12 +366,12 @@ class MapAtCurrents(FieldAtCurrents, own_shapes=ONE_POINT):
     currents
         (n_coils,), A.
     assumptions
-        Of the map.
+        Assumptions of the map.
     weights
         (1, n_fields) for all points, or (n, n_fields), one row for each of n points; None if the evaluator
         has one field, the sum.
     reaction
-        Of the iron to magnets.
+        Reaction of the iron to magnets.
     """
 
     def __init__(

@@ -62,17 +62,17 @@ if TYPE_CHECKING:
 
 
 MOST_SUMMED = 1 << 30
-"""Most bytes of coefficients in the file of a large map that are summed for one set of currents. Of more, each point
-superposes its own."""
+"""Most bytes of coefficients of a large map that are summed for given currents. A larger map superposes at each
+point."""
 
 
 def _usual_level(model: CurrentModel) -> Array:
-    """Currents (c,), A, about which the histories of the training swung."""
+    """Currents (c,), A, about which the currents of the training swung."""
     return np.asarray(model.model.known_currents[0])
 
 
 def _of_usual_history(model: CurrentModel) -> CurrentModel:
-    """Iron with hysteresis as a map is opened; other iron as it is."""
+    """The model after the default history, for iron with hysteresis; otherwise the model itself."""
     if not model.model.remembers:
         return model
     return model.along(history_of_currents(HISTORIES[0], _usual_level(model)))
@@ -94,7 +94,7 @@ def check_choices(kind: str, outside: str, outside_currents: str) -> None:
 
 
 class FieldMap(Field, own_shapes=ONE_POINT):
-    """A map ready for lookups: a form of every coil's unit field, superposed at the currents asked for.
+    """A map ready for lookups: the unit fields of its coils, superposed at given currents.
 
     kind: "harmonic", a polynomial of degree 5 of the potential in each cell, free of curl and divergence to
     rounding, with jumps between cells of the size of its error (`jump`); "hermite", tricubic through the stored
@@ -103,8 +103,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
     derivative of `field`. Superposition is exact for coils with linear iron or none; a map of saturating iron solves
     a small model of the iron once for every change of the currents (docs/theory/current_dependence.md).
     outside_currents is the rule for currents beyond its domain: "raise", "nan", or "evaluate" without a known error.
-    A map of iron with hysteresis has a memory: `memory`, `step`.
-    follow_currents, tabulate_currents: begin that solve from the last one, or replace it by a table: see `open_map`.
+    A map of iron with hysteresis has a memory: `memory`, `step`. follow_currents, tabulate_currents: see `open_map`.
 
     Points (3,), (n, 3) or of any leading shape (..., 3) in m; currents (n_coils,) for all points or (n, n_coils), in A,
     in the order of `coil_names`, one number for all coils, or by name, coils left out at 0. Results have the leading
@@ -113,8 +112,8 @@ class FieldMap(Field, own_shapes=ONE_POINT):
     NaN in its row. Arguments of another shape: InputError. `out` takes a contiguous float64 array of the result's
     shape. Batches of more than 30 000 points run on `threads` threads, by default one per processor. Objects can be
     pickled and used from several threads at once. evaluator: function that makes the `fieldmap.lookup.Evaluator` of the
-    coefficients; the interpolant's own unless given. reaction: whether magnets feel the iron's reaction to themselves
-    (docs/theory/reaction.md), if the map holds it.
+    coefficients; the interpolant's own unless given. reaction: whether forces on magnets include the iron's reaction to
+    them (docs/theory/reaction.md), if the map holds it.
 
     >>> from fieldmap.store import Grid
     >>> grid = Grid([0, 0, 0], [0.01, 0.01, 0.01], (3, 3, 3))
@@ -141,7 +140,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         grid = data.lookup_grid if isinstance(data, LargeMap) else data.grid
         lower, upper = np.array(data.grid.lower), np.array(data.grid.upper)
         self._box = Box(lower, upper, outside, most_threads() if threads is None else max(1, int(threads)))
-        # A field of weight 1 behind those of the coils. A model of the iron includes this field in its weights.
+        # A field of weight 1 after the fields of the coils. A model of the iron includes it in its weights.
         self._constant = data.constant_field and data.reduced_model is None
         self._form: Form = replace(INTERPOLANTS[kind].form(data, outside), constant=self._constant)
         self._linkage = data.linkage
@@ -180,13 +179,13 @@ class FieldMap(Field, own_shapes=ONE_POINT):
 
     @property
     def reaction(self) -> MapReaction | None:
-        """The reaction of the iron to magnets, which forces and torques contain; None of a map that does not hold it,
-        and of one opened with reaction=False."""
+        """The reaction of the iron to magnets, which forces and torques include; None if the map does not hold it, or
+        was opened with reaction=False."""
         return self._reaction
 
     @property
     def sensors(self) -> MapSensors | None:
-        """The field sensors of the device; None of a map without, and of maps of earlier versions."""
+        """The field sensors of the device; None for a device without sensors, and for maps of earlier versions."""
         return self._sensors
 
     @property
@@ -202,7 +201,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
 
     @property
     def payload(self) -> Payload | None:
-        """The payload of the device that the map was made of, as its file states it; None where it states none."""
+        """The payload of the device that the map was made of; None if its file states none."""
         from fieldmap.device.reader import recorded_device
 
         text = self._info.provenance.device_text
@@ -225,14 +224,13 @@ class FieldMap(Field, own_shapes=ONE_POINT):
 
     @property
     def proportional(self) -> bool:
-        """Whether the field is the sum of its coils' fields: True unless the map has a model of saturating iron, or a
-        field that no current drives."""
+        """Whether the field is the sum of its coils' fields: True for a map without saturating iron and fixed
+        sources."""
         return self._model is None and not self._constant
 
     @property
     def affine(self) -> bool:
-        """Whether the field is the sum of its coils' fields and of one that no current changes, if there is any: True
-        unless the map has a model of saturating iron."""
+        """Whether the field is the sum of its coils' fields and a constant field: True without saturating iron."""
         return self._model is None
 
     @property
@@ -241,19 +239,20 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         return self._model is not None and self._model.model.remembers
 
     def memory(self, history: str = HISTORIES[0], currents: Any = None) -> FieldMap:
-        """This map with iron of a history, from which `step` goes on.
+        """This map with its iron after a history. `step` continues from there.
 
-        A map of iron with hysteresis always has a memory. Its field at currents is that after a straight path from
-        the currents of the memory to these; asking for it changes nothing. As it is opened its history is "shaken".
+        A map of iron with hysteresis always has a memory, at first after the history "shaken". Its field at given
+        currents is the field after a straight path from the currents of the memory. A lookup does not change the
+        memory.
 
         Parameters
         ----------
         history
-            "shaken": all currents have swung about a level, less and less, as a controller's do that catches its
+            "shaken": all currents have swung about a level with decreasing amplitude, as when a controller catches its
             magnet; "demagnetised": the iron was never magnetised (fieldmap.histories).
         currents
             Level at which the history ends, A: (n_coils,), one number for all coils, or a mapping by name;
-            that of the map's training unless given.
+            the level of the map's training unless given.
 
         Returns
         -------
@@ -265,7 +264,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         InputError
             For a map of iron without hysteresis, and for a history that is not known.
         NotConverged
-            Where the model has no solution.
+            If the model has no solution.
 
         Examples
         --------
@@ -280,13 +279,13 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         return self._with(never.along(history_of_currents(history, level)))
 
     def step(self, currents: Any) -> FieldMap:
-        """This map after a straight path of the currents, which its iron remembers. Currents that turn back must do
-        so between two steps.
+        """This map after a straight path of the currents, which its iron remembers. A path that turns back needs a step
+        to the turning point.
 
         Parameters
         ----------
         currents
-            A: (n_coils,), one number for all coils, or a mapping by name.
+            End of the path, A: (n_coils,), one number for all coils, or a mapping by name.
 
         Returns
         -------
@@ -300,20 +299,20 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         OutsideMapError
             For currents beyond the domain, unless the map was opened with outside_currents="evaluate".
         NotConverged
-            Where the model has no solution.
+            If the model has no solution.
         """
         return self._with(self._remembering("step").stepped(self._amperes(currents)))
 
     def after_loop(self, currents: Any, swing: ArrayLike) -> FieldMap:
-        """This map in the middle of the second of two loops about currents, to which a straight path leads.
+        """This map in the middle of the second of two loops about currents, after a straight path to these currents.
 
-        Its field at the currents plus `swing`, where it stands, and minus `swing`, at the other end of the loop, tell
-        the slope of the loop: docs/theory/hysteresis.md (6).
+        The memory is at the currents plus `swing`. The fields there and at the currents minus `swing`, the other end of
+        the loop, give the slope of the loop: docs/theory/hysteresis.md (6).
 
         Parameters
         ----------
         currents
-            A: (n_coils,), one number for all coils, or a mapping by name.
+            Middle of the loops, A: (n_coils,), one number for all coils, or a mapping by name.
         swing
             Change (n_coils,) of the currents to either side, A.
 
@@ -325,7 +324,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         Raises
         ------
         NotConverged
-            Where the model has no solution.
+            If the model has no solution.
 
         Examples
         --------
@@ -339,17 +338,17 @@ class FieldMap(Field, own_shapes=ONE_POINT):
 
     @property
     def last_currents(self) -> Array:
-        """Currents (n_coils,), A, at which the memory stands: those of the last step, or of the end of its history.
-        Raises InputError for a map of iron without hysteresis."""
+        """Currents (n_coils,), A, of the memory: of the last step, or at the end of the history. Raises InputError for
+        a map of iron without hysteresis."""
         return self._remembering("last_currents").last_currents
 
     @property
     def dissipated(self) -> float:
-        """Hysteresis loss, J: what the iron turned into heat since it was demagnetised, its history included.
+        """Hysteresis loss, J: heat in the iron since it was demagnetised, including its history.
 
         Each step adds equation (5) of docs/theory/hysteresis.md, which is never negative. The heat of a path is the
-        difference of two memories; over a closed cycle it is the energy that the coils deliver. Eddy currents are no
-        part of it. Raises InputError for a map of iron without hysteresis.
+        difference between two memories; over a closed cycle it is the energy that the coils deliver. Eddy-current
+        losses are not included. Raises InputError for a map of iron without hysteresis.
 
         Examples
         --------
@@ -362,8 +361,8 @@ class FieldMap(Field, own_shapes=ONE_POINT):
 
     @property
     def remembered(self) -> Array:
-        """The memory as numbers (n,), from which `recalled` goes on to the last bit. Raises InputError for a map of
-        iron without hysteresis."""
+        """The memory as numbers (n,), which `recalled` restores bit for bit. Raises InputError for a map of iron
+        without hysteresis."""
         return self._remembering("remembered").remembered.copy()
 
     def recalled(self, remembered: ArrayLike) -> FieldMap:
@@ -406,22 +405,22 @@ class FieldMap(Field, own_shapes=ONE_POINT):
 
     @property
     def fixed_sources(self) -> tuple[str, ...]:
-        """Names of what makes a field that no current drives: bodies that are magnets, "background"."""
+        """Names of the sources without current: bodies that are magnets, and "background"."""
         return self._info.fixed_sources
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What the map rests on, as its maker recorded it."""
+        """The assumptions of the map, recorded when it was made."""
         return tuple(self._info.provenance.assumptions)
 
     @property
     def error_bound(self) -> FieldError | None:
         """Certified bound on B (T) and gradient (T/m) against the solver, anywhere in the box, for currents up to the
-        reference currents; docs/theory/lookup.md (13). For saturating iron it holds for the currents of the domain,
-        and against the fields that the model's weights add up; the error of the model itself is `current_error`.
+        reference currents; docs/theory/lookup.md (13). For saturating iron it holds in the domain of the currents, and
+        leaves out the error of the model of the iron, `current_error`.
 
-        None for the Hermite form, and where sources are too near for a certificate.
-        `interpolation_error` needs no certificate, but is only the largest of sampled differences.
+        None for the Hermite form, and if sources are too near for a certificate. `interpolation_error` needs no
+        certificate, but is only the largest of sampled differences.
         """
         return self._info.error_bounds.get(self.kind)
 
@@ -430,8 +429,8 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         """Largest difference found, T and T/m, summed over all coils, each at its reference current.
 
         Hermite form: to the solver at points sampled when the map was made, None if unknown. Harmonic forms:
-        to the map at all of its nodes, or the step between cells (`jump`) where that is larger: the fits of two
-        cells can err in opposite directions on their common face. The error of the map's own nodes is not included.
+        to the map at all of its nodes, or the step between cells (`jump`) if it is larger: the fits of two cells can
+        err in opposite directions on their common face. The error of the map at its nodes is not included.
         """
         misfit = self._form.misfit
         if misfit is None:
@@ -459,8 +458,8 @@ class FieldMap(Field, own_shapes=ONE_POINT):
     @property
     def current_error(self) -> FieldError | None:
         """Saturating iron: largest difference, T and T/m, between the model of the currents and the solver at all
-        states tried; in maps of earlier versions only at states that are not in the training. None where the field is
-        linear in the currents."""
+        tested states; in maps of earlier versions only at states outside the training. None if the field is linear in
+        the currents."""
         return self._info.current_error
 
     @property
@@ -485,7 +484,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         return self._jump.gradient_bound * float(share)
 
     def at(self, currents: Any) -> MapAtCurrents:
-        """The field at these currents: summed now, once. The last one is cached.
+        """The field at these currents, summed once. The last result is cached.
 
         Parameters
         ----------
@@ -558,20 +557,20 @@ class FieldMap(Field, own_shapes=ONE_POINT):
     def compiled(self, currents: Any = None) -> tuple[Any, Any]:
         """The lookup for your own numba functions, without Python objects.
 
-        B is a tuple of three in T, G one of three rows, `G[i][j]` = dB_i/dx_j in T/m. Outside the box: NaN,
-        or the nearest point with outside="clamp"; a compiled function cannot raise OutsideMapError.
+        B is a tuple of three in T, G a tuple of three rows, `G[i][j]` = dB_i/dx_j in T/m. Outside the box the result is
+        NaN, or with outside="clamp" that of the nearest point; a compiled function cannot raise OutsideMapError.
 
-        `data` leads to the map by an address, and keeps it alive. Keep it as long as the function that uses
-        it. It holds for this process alone: elsewhere it gives NaN, for example as a global of a function
-        that numba caches. If iron saturates and no currents are given, it stores the last currents, from which the
-        next solve begins: call `compiled` once in each thread. Errors are larger than those of `field` by at
-        most a fifth of `current_error`. Currents beyond the domain give NaN, unless outside_currents="evaluate". With
-        tabulate_currents it stores no currents, and currents beyond the table give NaN.
+        `data` holds the address of the map and keeps the map alive: keep it as long as the function that uses it. It is
+        valid in this process only. In another one, for example as a global of a function that numba caches, results are
+        NaN. For saturating iron without given currents `data` stores the last state, at which the next solve begins:
+        call `compiled` once in each thread. Errors exceed those of `field` by at most a fifth of `current_error`.
+        Currents beyond the domain give NaN, unless outside_currents="evaluate". With tabulate_currents `data` stores no
+        state, and currents beyond the table give NaN.
 
         Parameters
         ----------
         currents
-            Currents as for `field`, which stay the same; None for currents that may change from call to call.
+            Fixed currents, as for `field`; None for currents that change from call to call.
 
         Returns
         -------
@@ -593,7 +592,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         return at_currents, words
 
     def _weights_of_callers(self) -> IronState | CoreTable | None:
-        """What gives compiled callers the weights of the fields from the currents; None where these are the weights."""
+        """The model or table that gives compiled callers the weights; None if the currents are the weights."""
         if self._table is not None:
             return self._table.core
         return None if self._model is None else self._model.state_of_caller()
@@ -607,7 +606,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
             Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
         currents
             Currents, A: (n_coils,) in the order of `coil_names` for all points, or (n, n_coils), a row for
-            each; one number for all coils, or a mapping by name, in which coils left out carry none.
+            each; one number for all coils, or a mapping by name, with zero for coils left out.
         out
             Array of the result's shape, float64 and C order, that is filled and returned; a new one unless
             given.
@@ -635,7 +634,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
             Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
         currents
             Currents, A: (n_coils,) in the order of `coil_names` for all points, or (n, n_coils), a row for
-            each; one number for all coils, or a mapping by name, in which coils left out carry none.
+            each; one number for all coils, or a mapping by name, with zero for coils left out.
         out
             Array of the result's shape, float64 and C order, that is filled and returned; a new one unless
             given.
@@ -665,7 +664,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
             Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
         currents
             Currents, A: (n_coils,) in the order of `coil_names` for all points, or (n, n_coils), a row for
-            each; one number for all coils, or a mapping by name, in which coils left out carry none.
+            each; one number for all coils, or a mapping by name, with zero for coils left out.
         out
             Two arrays of the results' shapes that are filled and returned; new ones unless given.
 
@@ -709,7 +708,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
             Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
         currents
             Currents, A: (n_coils,) in the order of `coil_names` for all points, or (n, n_coils), a row for
-            each; one number for all coils, or a mapping by name, in which coils left out carry none.
+            each; one number for all coils, or a mapping by name, with zero for coils left out.
 
         Returns
         -------
@@ -735,7 +734,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
             Positions (3,), (n, 3) or (..., 3) in the frame of the field, m.
         currents
             Currents, A: (n_coils,) in the order of `coil_names` for all points, or (n, n_coils), a row for
-            each; one number for all coils, or a mapping by name, in which coils left out carry none.
+            each; one number for all coils, or a mapping by name, with zero for coils left out.
 
         Returns
         -------
@@ -759,8 +758,8 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         """Force and torque on point dipoles, or on a body, about their own positions.
 
         T = m x B and F = grad(m . B) = (grad B)^T m, docs/theory/wrench.md (1) and (2) for a point, (5)..(10)
-        for a body. F is (m . grad) B where B is curl-free, and is conservative for a fixed moment even if the
-        interpolant is not quite so. Force and torque are finite everywhere in the box.
+        for a body. F is (m . grad) B for a curl-free B. For a fixed moment F is conservative even if the interpolant is
+        not exactly curl-free. Force and torque are finite everywhere in the box.
 
         Parameters
         ----------
@@ -768,13 +767,13 @@ class FieldMap(Field, own_shapes=ONE_POINT):
             Positions of the dipoles or of the body's centre (3,), (n, 3) or (..., 3) in the frame of the
             field, m.
         moments
-            Moments (3,) or (n, 3), A m^2, in the frame of the field; or a `MagneticBody` of soft iron, of
-            several magnets or of one of finite size.
+            Moments (3,) or (n, 3), A m^2, in the frame of the field; or a `MagneticBody`: soft iron, several magnets,
+            or a magnet of finite size.
         currents
             Currents, A: (n_coils,) in the order of `coil_names` for all points, or (n, n_coils), a row for
-            each; one number for all coils, or a mapping by name, in which coils left out carry none.
+            each; one number for all coils, or a mapping by name, with zero for coils left out.
         orientations
-            Of a body: rotations (3, 3) or (n, 3, 3) whose columns are its axes; upright unless given.
+            Rotations (3, 3) or (n, 3, 3) of a body, with its axes as columns; upright unless given.
 
         Returns
         -------
@@ -800,12 +799,12 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         currents: Any,
         orientations: ArrayLike | None = None,
     ) -> Array:
-        """What the field sensors of the device read: docs/field_sensors.md (1).
+        """Readings of the field sensors of the device: docs/field_sensors.md (1).
 
         Parameters
         ----------
         positions, moments, currents, orientations
-            Of a magnet or a body, as for `wrench`.
+            As for `wrench`.
 
         Returns
         -------
@@ -842,7 +841,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         Returns
         -------
         tuple[Array, Array]
-            Readings (..., s), T, and derivatives (..., s, 6) by the place, T/m, and by a turn about the axes of the
+            Readings (..., s), T, and derivatives (..., s, 6) by the place, T/m, and by a rotation about the axes of the
             field through the given position, T/rad.
 
         Raises
@@ -884,10 +883,10 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         orientation: ArrayLike | None = None,
         loop: float | None = None,
     ) -> Actuation:
-        """What each coil's ampere does at a position, for linear or saturating iron.
+        """Actuation matrix at a position, for linear or saturating iron.
 
-        `matrix @ i + constant` is the map to first order about the currents, and exact where it superposes
-        and nothing is soft iron: docs/theory/actuation.md.
+        `matrix @ i + constant` is the map to first order about the currents. It is exact if the map superposes and the
+        body has no soft iron: docs/theory/actuation.md.
 
         Parameters
         ----------
@@ -896,11 +895,11 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         currents
             Currents about which the matrix holds, A, as for `field`.
         moment
-            Of a dipole (3,), A m^2, or a `MagneticBody`; none for the flux densities alone.
+            Moment of a dipole (3,), A m^2, or a `MagneticBody`; None for the rows of the field alone.
         orientation
-            Of a body: rotation (3, 3) whose columns are its axes; upright unless given.
+            Rotation (3, 3) of a body, with its axes as columns; upright unless given.
         loop
-            A: slopes of loops of this size, instead of derivatives, as for `by_currents`.
+            Size of current loops, A, whose slopes replace the derivatives, as for `by_currents`.
 
         Returns
         -------
@@ -924,10 +923,10 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         moment: ArrayLike | MagneticBody | None = None,
         orientation: ArrayLike | None = None,
     ) -> Array:
-        """Flux linkages of the coils, all turns; with a payload those that it adds, too.
+        """Flux linkages of the coils, all turns, including the linkages with a payload if one is given.
 
-        They are derivatives of the same co-energy of which force and torque are, docs/theory/flux_linkage.md. The iron
-        does not know the payload: what this changes in it is the share `reaction`, which no current changes.
+        Linkages, force and torque are derivatives of one co-energy, docs/theory/flux_linkage.md. The iron's `reaction`
+        to the payload does not depend on the currents, so the linkages do not contain it.
 
         Parameters
         ----------
@@ -936,9 +935,9 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         position
             Position (3,) of a payload in the frame of the field, m; no payload unless given.
         moment
-            Of a dipole (3,), A m^2, or a `MagneticBody`.
+            Moment of a dipole (3,), A m^2, or a `MagneticBody`.
         orientation
-            Of a body: rotation (3, 3) whose columns are its axes; upright unless given.
+            Rotation (3, 3) of a body, with its axes as columns; upright unless given.
 
         Returns
         -------
@@ -971,12 +970,12 @@ class FieldMap(Field, own_shapes=ONE_POINT):
     def inductance(self, currents: Any = 0.0) -> Array:
         """Incremental inductances: the derivatives of `flux_linkage`, without a payload, by the currents.
 
-        Of iron with hysteresis those of smallest loops from the memory.
+        For iron with hysteresis they belong to infinitesimal loops from the memory.
 
         Parameters
         ----------
         currents
-            Currents, A: (n_coils,), one number for all coils, or a mapping by name. Linear iron has the same at all.
+            Currents, A: (n_coils,), one number for all coils, or a mapping by name. Not used for linear iron.
 
         Returns
         -------
@@ -1011,7 +1010,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         position, currents, moment, orientation
             As for `flux_linkage`.
         velocity
-            Of the position (3,), m/s.
+            Velocity of the position (3,), m/s.
         angular_velocity
             (3,), rad/s, in the frame of the field.
 
@@ -1029,7 +1028,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
 
     @property
     def linkage(self) -> StoredLinkage | None:
-        """Linkages of the coils as the file has them, to which saturating iron adds its own; None in maps without."""
+        """Linkages of the coils in the file, to which saturating iron adds its own; None if the file has none."""
         return self._linkage
 
     def _linkages(self) -> StoredLinkage:
@@ -1058,14 +1057,14 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         direction: ArrayLike | None = None,
         least_field: float = 0.0,
     ) -> Array:
-        """Currents of least power, sum(resistance currents^2), that give what is asked for at a position.
+        """Currents of least power, sum(resistance currents^2), that meet a demand at a position.
 
-        In a place of symmetry a machine may meet more components than it has coils. Those that no currents meet to
-        1e-4 of the largest of their unit are refused.
+        At a place of symmetry currents may meet more components than there are coils. A component that no currents meet
+        to 1e-4 of the largest component of its unit is refused.
 
-        Where iron saturates, in the map or in a body, this is no linear problem, and a search finds a local optimum,
-        within 500 evaluations of the field. In a map over a current parametrisation the currents are those of its
-        signals, within its domain; they are of least power where each coil follows one signal.
+        With saturating iron in the map, or soft iron in a body, the problem is nonlinear, and a search finds a local
+        optimum within 500 evaluations of the field. In a map over a current parametrisation the search varies the
+        signals within their domain, and the power is least if each coil follows one signal.
 
         Parameters
         ----------
@@ -1088,10 +1087,10 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         orientation
             (3, 3), whose columns are the axes of the body; upright without.
         direction
-            (3,), of a magnet that follows the field: B points that way, of whatever size, and the force acts on a
+            (3,), for a magnet that follows the field: B points along it, with any magnitude, and the force acts on a
             moment along it.
         least_field
-            With `direction`: B along it, T, is at least this; any above zero unless given.
+            With `direction`: least B along it, T; any positive B unless given.
 
         Returns
         -------
@@ -1102,10 +1101,10 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         ------
         Infeasible
             The message names the limits that bind and the share of the demand that is possible. After a search it says
-            where the search ended, which is no proof that no currents exist. With `direction` also where B points
-            against it at least power, so that the magnet would turn over.
+            where the search ended, which is no proof that no currents exist. With `direction` also if B points against
+            it at the currents of least power, so that the magnet would turn over.
         OutsideMapError, InputError, NotConverged
-            For a place outside the box, for arguments that do not fit, and for a search that does not end.
+            For a place outside the box, for arguments that do not fit, and for a search that does not converge.
 
         Examples
         --------
@@ -1135,13 +1134,13 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         xarray.Dataset
             At currents `flux_density` (x, y, z, component), T, `gradient` (x, y, z, component, direction) =
             dB_component/dx_direction, T/m, and `current` (coil). Without: `unit_flux_density` and
-            `unit_gradient`, per ampere, with the dimension `coil` after z, and, of a map with a field that no
-            current drives, `constant_flux_density` and `constant_gradient`.
+            `unit_gradient`, per ampere, with the dimension `coil` after z, and, for a map with fixed sources,
+            `constant_flux_density` and `constant_gradient`.
 
         Raises
         ------
         FieldmapError
-            Where xarray is not installed.
+            If xarray is not installed.
         InputError
             For a map of saturating iron without currents.
         """
@@ -1156,7 +1155,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         return data_set(self.info, self.kind, amperes, *self.at(amperes).field_and_gradient(nodes))
 
     def unit_field(self, points: ArrayLike) -> Array:
-        """Flux density per ampere in each coil: what an allocation of currents starts from.
+        """Flux density per ampere in each coil.
 
         Parameters
         ----------
@@ -1202,16 +1201,16 @@ class FieldMap(Field, own_shapes=ONE_POINT):
     ) -> tuple[Array, Array, Array, Array]:
         """Flux density and gradient, and their derivatives by the currents.
 
-        For a map that superposes, the derivatives are `unit_field` and `unit_gradient`, whatever the currents.
-        For saturating iron they are those of its model, which the map's stated error does not cover. For the
-        shipped drive unit they are within 3 % of the solver's along the signals of its division, as a rule 1 %. The
-        training of a map made for divided currents has no state of a single coil: derivatives by the current of one
-        coil are off by up to 42 %, as a rule 5 % (docs/theory/current_dependence.md).
+        For a map that superposes, the derivatives are `unit_field` and `unit_gradient` at any currents. For saturating
+        iron they are derivatives of the model, and the map's stated error does not cover them. For the shipped drive
+        unit they are within 3 % of the solver's along the signals of its division, typically 1 %. The training of a map
+        for divided currents has no state of a single coil, so derivatives by the current of one coil have errors of up
+        to 42 %, typically 5 % (docs/theory/current_dependence.md).
 
-        Of iron with hysteresis they are, at the currents of the memory, the reversible slope, that of smallest loops;
-        elsewhere those of the field at the end of the straight path. With `loop` they are the slopes of loops, between
-        the ends of the second of two loops about the currents, which begin as a straight path from the memory
-        (docs/theory/hysteresis.md, (6)). Slopes of iron without hysteresis then are central differences.
+        For iron with hysteresis they are, at the currents of the memory, the reversible slopes, of infinitesimal loops;
+        at other currents they are the derivatives at the end of the straight path. With `loop` they are slopes between
+        the ends of the second of two loops about the currents, after a straight path from the memory
+        (docs/theory/hysteresis.md, (6)). For iron without hysteresis these slopes are central differences.
 
         Parameters
         ----------
@@ -1220,8 +1219,8 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         currents
             Currents (n_coils,), A.
         loop
-            Size of the loops, A: to either side, of the current that changes most. One signal of the map's
-            parametrisation swings at a time, of independent currents one coil. Derivatives unless given.
+            Amplitude of the loops, A, of the current that changes most. One signal of the map's parametrisation swings
+            at a time; with independent currents one coil. Derivatives unless given.
 
         Returns
         -------
@@ -1264,8 +1263,8 @@ class FieldMap(Field, own_shapes=ONE_POINT):
     def _lookup(self, points: ArrayLike, currents: Any) -> MapAtCurrents:
         """The field at these currents, or at a row of currents for each of n points.
 
-        Many points at one set of currents: the fields are summed first (`at`). Few: they are superposed at each. The
-        choice depends on the sizes alone: equal calls give equal bits whatever was called before.
+        For many points at one set of currents the fields are summed first (`at`). For few points they are superposed at
+        each point. The choice depends on the sizes alone, so that equal calls give equal bits.
         """
         count = len(checked_vectors("points", points)[0])
         amperes = self._amperes(currents, count)
@@ -1281,9 +1280,8 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         return coil_currents(currents, self.coil_names, points, finite=False)
 
     def _weights(self, currents: Array) -> Array:
-        """Weights (..., n_fields) of the map's fields at currents (..., n_coils): the currents themselves, with 1
-        behind them for a field that no current drives, or what the model of saturating iron makes of them. The last
-        single set is kept."""
+        """Weights (..., n_fields) of the map's fields at currents (..., n_coils): the currents, with 1 after them for a
+        constant field, or the weights by the model of saturating iron. The last single set is cached."""
         model = self._table or self._model
         if model is None:
             if not self._constant:
@@ -1299,7 +1297,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
         return weights
 
     def _known_weights(self, currents: Any) -> Array | None:
-        """Of saturating iron: the weights at the currents of the last call, None for any others."""
+        """For saturating iron the weights at the currents of the last call; None for other currents."""
         known, weights = self._last_weights
         if isinstance(currents, np.ndarray) and currents.dtype == np.float64 and currents.tobytes() == known:
             return weights
@@ -1332,7 +1330,7 @@ class FieldMap(Field, own_shapes=ONE_POINT):
 
 
 def _errors_in_words(bound: FieldError | None, of_model: FieldError | None) -> dict[str, str]:
-    """The certified error, for saturating iron of the interpolation alone, and the error of the model of the iron."""
+    """The certified error, which for saturating iron covers the interpolation alone, and the error of its model."""
     certified = "not certified"
     if bound is not None:
         certified = f"at most {bound.flux_density:.2g} T and {bound.gradient:.2g} T/m"
@@ -1370,14 +1368,13 @@ def open_map(
         What currents beyond the domain of a map of saturating iron give: "raise" (OutsideMapError), "nan", or
         "evaluate", without a statement of the error there.
     follow_currents
-        Of a map of saturating iron: begin each change of the currents from the last, which is quicker along a
-        trajectory. Results then depend on earlier calls, by 1e-6 at most.
+        For a map of saturating iron: begin each solve at the last state, which is quicker along a trajectory. Results
+        then depend on earlier calls, by 1e-6 at most.
     tabulate_currents
-        Of a map of saturating iron over a current division: tabulate the model once, which takes seconds. Any
-        change of the currents then costs microseconds, also from compiled code, and `current_table.error`
-        says how far the table is from the model.
+        For a map of saturating iron over a current division: tabulate the model once, which takes seconds. A change of
+        the currents then costs microseconds, also from compiled code. `current_table.error` is the error of the table.
     reaction
-        Whether magnets feel the iron's reaction to themselves, if the map holds it.
+        Whether forces on magnets include the iron's reaction to them, if the map holds it.
 
     Returns
     -------
@@ -1389,13 +1386,13 @@ def open_map(
     MapFileError
         If the file is no complete, undamaged map.
     InputError
-        For an unknown kind or outside rule, if no single polynomial holds the map ("global"), or if there is
-        nothing to tabulate.
+        For an unknown kind or outside rule, if no single polynomial fits the map ("global"), or if there is nothing to
+        tabulate.
 
     Warns
     -----
     MapAccuracyWarning
-        For a map whose model of the currents is off by more than twice what its recipe asks for.
+        For a map whose current model has more than twice the error that its recipe asks for.
 
     Examples
     --------
@@ -1412,7 +1409,7 @@ def open_map(
 
 
 def _no_path(given: object) -> Problem:
-    """What to do with an object that is no path."""
+    """The problem of an object that is no path, with a remedy."""
     name = type(given).__name__
     if hasattr(given, "field"):
         remedy = f"a {name} is a field already: ask it for field(points, currents)"

@@ -1,8 +1,8 @@
-"""What field sensors read of currents and of magnets: docs/field_sensors.md.
+"""Readings of field sensors, from currents and from magnets: docs/field_sensors.md.
 
-A sensor at s along the unit vector a reads a . B(s). The share of the currents is a sum over the map's fields. That of
-a magnet follows by reciprocity: a dipole m at x gives m . B_s(x), where B_s is the field of a dipole of 1 A m^2 along a
-at s and of the iron that answers to it. The derivatives by the pose are therefore force and torque of B_s on a magnet.
+A sensor at s along the unit vector a reads a . B(s). The share of the currents is a sum over the map's fields. The
+share of a magnet follows by reciprocity: a dipole m at x gives m . B_s(x), where B_s is the field of a dipole of
+1 A m^2 along a at s and of the iron's response to it. So the derivatives by the pose are force and torque of B_s.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class MapSensors:
 
     @property
     def answers(self) -> MapFields | None:
-        """The iron's answers to dipoles of 1 A m^2 in the sensors, one field each; None without iron."""
+        """The iron's responses to dipoles of 1 A m^2 at the sensors, one field each; None without iron."""
         return self._answers
 
     @property
@@ -50,12 +50,12 @@ class MapSensors:
         return CoreSensors(places, np.ascontiguousarray(self._shares, dtype=np.float64), answers)
 
     def mixed(self, mix: Array) -> MapSensors:
-        """The sensors in a field of other fields.
+        """The sensors for combinations of the map's fields.
 
         Parameters
         ----------
         mix
-            (m, n_fields): combinations of the map's fields, one a row.
+            (m, n_fields): the combinations, one per row.
 
         Returns
         -------
@@ -67,12 +67,12 @@ class MapSensors:
         return found
 
     def of_currents(self, weights: Array) -> Array:
-        """The share of coils, iron, magnets of the machine, and background.
+        """Readings from coils, iron, magnets of the machine, and background.
 
         Parameters
         ----------
         weights
-            Of the map's fields (..., n_fields).
+            Weights (..., n_fields) of the map's fields.
 
         Returns
         -------
@@ -84,24 +84,24 @@ class MapSensors:
     def of_magnets(
         self, positions: Array, arms: Array, moments: Array, slopes: bool = True
     ) -> tuple[Array, Array]:
-        """The share of magnets in the box, and of the iron's reaction to them.
+        """Readings from magnets in the box, and from the iron's reaction to them.
 
         Parameters
         ----------
         positions
-            Of n bodies (n, 3), m.
+            Positions (n, 3) of n bodies, m.
         arms
-            Of the q dipoles of each (n, q, 3), m, from the position.
+            Vectors (n, q, 3) from the position of each body to its q dipoles, m.
         moments
             (n, q, 3), A m^2.
         slopes
-            Whether the derivatives are wanted, too.
+            Whether to compute the derivatives.
 
         Returns
         -------
         tuple[Array, Array]
-            Readings (n, s), T, and their derivatives (n, s, 6) by the place, T/m, and by a turn about the position,
-            T/rad; (n, s, 0) where they are not wanted.
+            Readings (n, s), T, and their derivatives (n, s, 6) by the place, T/m, and by a rotation about the position,
+            T/rad; (n, s, 0) without derivatives.
 
         Raises
         ------
@@ -120,7 +120,7 @@ class MapSensors:
         return read, np.ascontiguousarray(np.swapaxes(by_pose, 0, 1))
 
     def fields(self, points: Array) -> tuple[Array, Array]:
-        """The fields B_s of dipoles of 1 A m^2 in the places of the sensors, along their axes, with the iron's answers.
+        """The fields B_s of dipoles of 1 A m^2 at the sensors, along their axes, with the iron's responses.
 
         Parameters
         ----------

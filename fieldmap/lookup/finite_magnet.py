@@ -2,8 +2,8 @@
 
     F = integral (grad B)^T M dV      T = integral M x B + r x (grad B)^T M dV          docs/theory/wrench.md (1), (2)
 
-about the magnet's centre. A uniformly magnetised sphere is a point dipole exactly, since means of harmonic functions
-over balls are their values at the centre; cylinders and blocks take products of Gauss rules, as fine as the field asks.
+about the magnet's centre. A uniformly magnetised sphere is exactly a point dipole, because the mean of a harmonic
+function over a ball is its value at the centre. Cylinders and blocks take products of Gauss rules.
 """
 
 from __future__ import annotations
@@ -43,11 +43,10 @@ def finite_magnet(
     places: ArrayLike | None = None,
     arm: ArrayLike = (0.0, 0.0, 0.0),
 ) -> FiniteMagnet:
-    """The coarsest rule that holds a magnet in a field to a tolerance.
+    """The coarsest volume rule for a magnet that is accurate to a tolerance in a field.
 
-    Each rule, exact for fields of degree 1, 3, 5, ..., is set against a finer one at many places and random
-    orientations, one coil at a time (or a state at its currents), until they agree. The size of the magnet is
-    judged against the scale of the field by the field itself. The result states the difference.
+    Each rule, exact for fields of degree 1, 3, 5, ..., is compared with a finer one at many places and random
+    orientations, one coil at a time (or a state at its currents), until they agree. The result states the difference.
 
     Parameters
     ----------
@@ -61,12 +60,12 @@ def finite_magnet(
         Where rules are compared: centres (n, 3) of the body that holds the magnet, m. Unless given, random places
         all over the part of the field's box where the magnet fits; a field without a box needs them.
     arm
-        The magnet's centre from that of the body (3,), m; it turns with the body.
+        Vector (3,) from the centre of the body to the centre of the magnet, m; it turns with the body.
 
     Returns
     -------
     FiniteMagnet
-        The rule, and how far it is off.
+        The rule, with its error.
 
     Raises
     ------
@@ -77,13 +76,13 @@ def finite_magnet(
     NotConverged
         If the finest rules (7 and 8) do not agree.
     """
-    # Here, as in `volume_rule`: maps are opened faster without the package of devices.
+    # Imported here, as in `volume_rule`: maps are opened faster without the package of devices.
     from fieldmap.device.payload import MagnetCylinder, MagnetSphere
 
     if isinstance(shape, MagnetSphere):
         magnet = volume_rule(shape, 1)
         return FiniteMagnet(magnet.points, magnet.moments, 0.0)
-    # One level up, a cylinder may have the same radii.
+    # The rules of successive levels may have the same radii for a cylinder, so every second level is compared.
     step = 2 if isinstance(shape, MagnetCylinder) else 1
     rules = [volume_rule(shape, level) for level in range(1, FINEST + step)]
     ask = cache(_trial(shape, field, places, np.asarray(arm, dtype=float)))
@@ -100,7 +99,7 @@ def finite_magnet(
 
 
 def volume_rule(shape: Magnet, level: int) -> FiniteMagnet:
-    """The rule that is exact where B is a polynomial of degree 2 level - 1; a sphere's is exact always.
+    """The rule that is exact for polynomials B of degree 2 level - 1; the rule of a sphere is always exact.
 
     Parameters
     ----------
@@ -135,7 +134,7 @@ def volume_rule(shape: Magnet, level: int) -> FiniteMagnet:
 def _trial(
     shape: Magnet, field: AnyField, places: ArrayLike | None, arm: Array
 ) -> Callable[[FiniteMagnet], Array]:
-    """What a rule gives at the same places, random orientations and coils as every other."""
+    """Function that gives force and torque by a rule, at the same places, random orientations and coils for all."""
     source, rng = as_field(field), np.random.default_rng(20250101)
     if places is None:
         centres = _places_in_box(source, shape.bounding_radius, rng)

@@ -1,7 +1,7 @@
-"""Flux linkages of the coils with a payload, and the voltages that it induces where it moves.
+"""Flux linkages of the coils with a payload, and the voltages that a moving payload induces.
 
-The co-energy of coils, iron and payload is that of coils and iron, and m . B of the payload's moments in their field
-B. Its derivatives by the currents are the linkages, by place and turn force and torque: docs/theory/flux_linkage.md.
+The co-energy of coils, iron and payload has the term m . B of the payload's moments in the field B. Its derivatives by
+the currents are the linkages, and by place and rotation force and torque: docs/theory/flux_linkage.md.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def payload_linkage(
     moment: ArrayLike | MagneticBody,
     orientation: ArrayLike | None = None,
 ) -> Array:
-    """What a payload adds to the flux linkages of the coils: the sum of m . dB/dI over its moments.
+    """Flux linkages of the coils with a payload: the sum of m . dB/dI over its moments.
 
     Parameters
     ----------
@@ -38,9 +38,9 @@ def payload_linkage(
     currents
         Currents, A: (n_coils,), one number for all coils, or a mapping by name.
     moment
-        Of a dipole (3,), A m^2, or a `MagneticBody`.
+        Moment of a dipole (3,), A m^2, or a `MagneticBody`.
     orientation
-        Of a body: rotation (3, 3) whose columns are its axes; upright unless given.
+        Rotation (3, 3) of a body, with its axes as columns; upright unless given.
 
     Returns
     -------
@@ -73,15 +73,15 @@ def back_emf(
 ) -> Array:
     """Voltages that the motion of a payload induces in the coils at constant currents.
 
-    They are the rates of the flux linkages, V = R i + d(linkage)/dt. The derivative of a linkage by the place is that
-    of the force by the current.
+    They are the rates of the flux linkages, V = R i + d(linkage)/dt. The derivative of a linkage by the place equals
+    the derivative of the force by the current.
 
     Parameters
     ----------
     field, position, currents, moment, orientation
         As for `payload_linkage`.
     velocity
-        Of the position (3,), m/s.
+        Velocity of the position (3,), m/s.
     angular_velocity
         (3,), rad/s, in the frame of the field.
 

@@ -2,9 +2,9 @@
 
     min sum_k R_k I_k^2   with   rows(field(I)) = demand,   currents within their limits
 
-All cases are this one problem (`fieldmap.lookup.inverse_problem`). They differ in how the field follows the currents,
-in the rows (`Demand`, of a dipole or a body), in what may change (`Variables`: the currents, or the signals of a
-parametrisation), and in where a search begins. A linear problem is solved at once.
+All cases are this one problem (`fieldmap.lookup.inverse_problem`). They differ in the field as a function of the
+currents, in the rows (`Demand`, of a dipole or a body), in the `Variables` (the currents, or the signals of a
+parametrisation), and in the start of a search. A linear problem needs no search.
 """
 
 from __future__ import annotations
@@ -31,16 +31,17 @@ from fieldmap.typing import Array
 
 _SAVING_ON_SOFT_IRON = 1e-7
 _UPRIGHT = np.eye(3)
-# Of the search for currents that pull soft iron.
-_ROUNDING = 1e-9  # of what the coils give one by one
-_SMALL = 1e-3  # currents, of the typical ones, at which soft iron is still linear
-_NO_SLOPE = 1e-9  # of what typical currents give: rounding
-_ASIDE = (0.0, 1.0, -1.0)  # of the wanted force: what is tried beside it along each other row
+_ROUNDING = 1e-9  # share of the sum of the coils' contributions below which a value is rounding
+# Starts of searches for currents that pull soft iron.
+_SMALL = 1e-3  # share of the typical currents at which soft iron is still linear
+_NO_SLOPE = 1e-9  # share of the slope at typical currents below which a slope is rounding
+_ASIDE = (0.0, 1.0, -1.0)  # multiples of the wanted force that are tried in each other row
+# Strongest directions that are tried, and most changes of the length of a start.
 _EIGENVECTORS = 2
 _RESCALINGS = 12
-# So many searches in a row that bring nothing better, or nothing at all, end a call.
+# Consecutive searches without a better result, or without any, after which a call ends.
 _ENOUGH, _HOPELESS = 2, 8
-_BETTER = 1e-3  # of the power: what counts as better
+_BETTER = 1e-3  # share of the power that a better result saves at least
 
 
 def currents_for(
@@ -59,10 +60,10 @@ def currents_for(
     direction: ArrayLike | None = None,
     least_field: float = 0.0,
 ) -> Array:
-    """Currents of least power that give what is asked for at a position, in a map or in a device without a map.
+    """Currents of least power that meet a demand at a position, in a map or in a device without a map.
 
-    Of a device whose saturating iron is solved for all currents anew (`fieldmap.iron.NonlinearSolver`) the demand is
-    met to 1e-5, and every step of the search takes a solve or a few.
+    For a device with saturating iron (`fieldmap.iron.NonlinearSolver`) the demand is met to 1e-5, and every step of the
+    search takes one or a few solves.
 
     Parameters
     ----------
@@ -131,9 +132,9 @@ def least_power_currents(
 ) -> Array:
     """Currents (n_coils,), A, of least power that meet a demand on a dipole or a body at a position (3,), m.
 
-    A magnet that follows the field stays where its moment lies along B, and turns over where it lies against it. If the
-    currents of least power leave less than the least flux density along its direction, exactly that is demanded: in a
-    linear problem, which is convex, these are the currents of least power with at least that much.
+    A magnet that follows the field is stable with its moment along B, and turns over with its moment against B. If the
+    currents of least power give less than the least flux density along the direction, exactly this flux density is
+    demanded. In a linear problem, which is convex, the result then has the least power with at least this flux density.
 
     Parameters
     ----------
@@ -152,7 +153,7 @@ def least_power_currents(
     free = Variables(field.coil_names, *checked_limits(None, len(found)), np.ones(len(found)))
     place = np.asarray(position, dtype=float)[None, :]
     (given,), (slope,) = Goal(row, field.at(place), _UPRIGHT, free).about(found)
-    # Below this share of what the coils give one by one it is rounding.
+    # A flux density below this share of the sum of the coils' contributions is rounding.
     if given > max(demand.least * (1.0 - _ROUNDING), _ROUNDING * float(np.abs(slope) @ np.abs(found))):
         return found
     if demand.least == 0.0:
@@ -208,7 +209,7 @@ def least_power_of(
     start
         Currents (n_coils,), A, at which a search begins.
     by_linear
-        The same currents in a field that is linear about currents.
+        Gives the currents of least power in a linearised field.
 
     Raises
     ------
@@ -223,7 +224,7 @@ def least_power_of(
     if first is None and isinstance(field, SolvedField):
         first = np.clip(np.zeros(len(names)), low, high)
         if demand.on_soft_iron:
-            # About no currents the force on soft iron has no derivative: the search begins where linear iron has it.
+            # At zero currents the force on soft iron has no slope. The search begins at the solution for linear iron.
             first = by_linear(field.linear_about(first))
     goal.variables = _variables(goal.variables, model, first)
     scale = _scale(goal.variables, model, first)
@@ -262,10 +263,10 @@ def checked_weight(resistance: ArrayLike | None, n_coils: int) -> Array:
 
 
 def _variables(of_coils: Variables, model: ReducedModel | None, first: Array | None) -> Variables:
-    """Currents within those that a map of saturating iron was made for, or the signals of its parametrisation.
+    """Currents within the domain of a map of saturating iron, or the signals of its parametrisation.
 
-    Each signal has the power that it costs where the search begins: the power of the currents where each follows one
-    signal.
+    The cost of a signal is its power at the start of the search. This is the power of the currents if each current
+    follows one signal.
     """
     if model is None:
         return of_coils
@@ -284,7 +285,7 @@ def _middle(model: ReducedModel) -> Array:
 
 
 def _scale(variables: Variables, model: ReducedModel | None, first: Array | None) -> Array:
-    """Variables (n,) of the usual size: those of a model's training, of the start or of the limits, or 1."""
+    """Typical sizes (n,) of the variables: in the training of a model, at the start or at the limits, or 1."""
     if model is not None:
         return np.maximum(np.abs(variables.nearest(model.known_currents)).max(axis=0), 1e-12)
     limits = np.concatenate([variables.low, variables.high])
@@ -294,7 +295,7 @@ def _scale(variables: Variables, model: ReducedModel | None, first: Array | None
 
 
 def _starts(goal: Goal, model: ReducedModel | None, first: Array | None, scale: float) -> Iterator[Array]:
-    """Variables (n,) at which searches begin: those of the currents `first`, or several."""
+    """Variables (n,) at which searches begin: from the currents `first`, or several."""
     of, none = goal.variables, True
     if first is None and of.made is None and goal.demand.on_soft_iron:
         for start in starts_on_soft_iron(goal, scale):
@@ -304,13 +305,13 @@ def _starts(goal: Goal, model: ReducedModel | None, first: Array | None, scale: 
     if begin is not None:
         yield of.within(of.nearest(begin))
     elif none:
-        # Where there is no start, currents of zero say why nothing can be had.
+        # Without another start, the search from zero currents gives the reason of the failure.
         yield of.within(np.zeros(len(of.cost)))
 
 
 def best_of(searches: Iterable[Search]) -> Array:
-    """The end (n,) of least power, of searches until some in a row have brought nothing better, or the evaluations of a
-    call are used up. Raises the error of the search that left least of the demand, where all failed."""
+    """The result (n,) of least power. Searches run until several in a row find nothing better, or the evaluations of a
+    call are used up. If all fail, the error of the search that came nearest to the demand is raised."""
     best, least, in_vain = None, math.inf, 0
     refused: list[tuple[float, Infeasible | NotConverged]] = []
     for search in searches:
@@ -332,17 +333,16 @@ def best_of(searches: Iterable[Search]) -> Array:
 
 
 def starts_on_soft_iron(goal: Goal, scale: float) -> Iterator[Array]:
-    """Where searches begin for a force on soft iron, of second order in the currents: docs/theory/wrench.md (11).
+    """Starts of searches for a force on soft iron, of second order in the currents: docs/theory/wrench.md (11).
 
-    Currents (n,), A, along the strongest directions of the second derivative of the demand, and of the demand with
-    more or less beside it, as long as it takes.
-
-    Both ways unless only the square of the currents counts. scale: a current, A, of the usual size.
+    Currents (n,), A, along the strongest eigenvectors of the second derivative of the demand, and of the demand with
+    other values in its other rows. Their length is scaled to the demand. Both signs are tried, unless the force is even
+    in the currents and the limits are symmetric. scale: a typical current, A.
     """
     of, units, size = goal.variables, np.eye(len(goal.variables.cost)), _SMALL * scale
     none = of.within(np.zeros(len(units)))
     idle = goal.about(none)[1]
-    # (n, r, n): of each row, by two currents.
+    # (n, r, n): second derivatives of each row by two currents.
     bends = np.array([(goal.about(none + size * unit)[1] - idle) / size for unit in units])
     lengths = np.abs(bends).max(axis=(0, 2))
     even = bool((np.abs(idle).max(axis=1) <= _NO_SLOPE * scale * lengths).all())
@@ -369,8 +369,8 @@ def starts_on_soft_iron(goal: Goal, scale: float) -> Iterator[Array]:
 
 
 def _as_long_as_needed(goal: Goal, main: int, along: Array, scale: float) -> Array | None:
-    """Currents in this direction that give about the main row of the demand; as many as there are where it takes more,
-    None where they give none of it."""
+    """Currents in this direction that give about the main row of the demand, or the largest within the limits; None if
+    they give none of it."""
     wanted = float(goal.demand.values[main])
     direction = along / np.abs(along).max()
     currents = goal.variables.within(scale * direction)

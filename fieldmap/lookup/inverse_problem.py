@@ -1,4 +1,4 @@
-"""The problem of an inverse at one place: how the field follows the currents, what may change, and what is demanded."""
+"""The inverse problem at one place: the field as a function of the currents, the variables, and the demand."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from fieldmap.reaction import Reaction
 from fieldmap.typing import Array
 
 FieldAtPoints = Callable[[Array], tuple[Array, Array, Array]]
-"""Of currents (n,), A: fields at the points (p, k, 12), flux density, T, and gradient row by row, T/m; their weights
-(k,) in the field of these currents; and the derivatives (k, n) of the weights by the currents, 1/A."""
+"""Function of currents (n,), A, that gives fields at the points (p, k, 12), flux density, T, and gradient row by row,
+T/m; their weights (k,) at these currents; and the derivatives (k, n) of the weights by the currents, 1/A."""
 
 
 @dataclass(eq=False)
 class SumOfFields:
-    """Each coil's field times its current, and others times weights that follow the currents.
+    """Fields of the coils times their currents, and further fields times weights that depend on the currents.
 
     each_field(points, flux, slope) fills flux density (p, fields, 3), T, and gradient (p, fields, 3, 3), T/m, at weight
-    1. The others are one that no current drives, of weight 1 (constant), or those of the saturating iron. reaction: of
-    the iron to magnets.
+    1. constant: one further field has always weight 1. iron: gives the weights of further fields of saturating iron.
+    reaction: of the iron to magnets.
     """
 
     each_field: Callable[[Array, Array, Array], Any]
@@ -59,7 +59,7 @@ class SumOfFields:
 
 @cache
 def _weights_of_sum(coils: int, constant: bool) -> Callable[[Array], tuple[Array, Array]]:
-    """The currents, and 1 for a constant field; and their derivatives by the currents."""
+    """Function for the weights (the currents, and 1 for a constant field) and their derivatives by the currents."""
     unit, rest = np.eye(coils + constant, coils), np.eye(coils + 1)[coils, : coils + constant]
     return lambda currents: (unit @ currents + rest, unit)
 
@@ -73,13 +73,13 @@ def _outside(points: Array, flux: Array) -> OutsideMapError:
 
 @dataclass(eq=False)
 class SolvedField:
-    """A device whose saturating iron is solved for all currents anew; by_currents: as `NonlinearSolver.by_currents`."""
+    """A device with saturating iron, solved at each set of currents. by_currents: as `NonlinearSolver.by_currents`."""
 
     by_currents: Callable[[Array, Array], tuple[Array, Array, Array, Array]]
     coil_names: tuple[str, ...]
     reaction: Reaction | None = None
 
-    # States are solved to 1e-6 or so.
+    # States are solved to about 1e-6.
     met, saving = 1e-5, 1e-5
 
     def at(self, points: Array) -> FieldAtPoints:
@@ -90,13 +90,13 @@ class SolvedField:
             flux = np.concatenate([by_flux, flux[:, None]], axis=1)
             slope = np.concatenate([by_slope, slope[:, None]], axis=1)
             fields = np.concatenate([flux, slope.reshape(*flux.shape[:2], 9)], axis=2)
-            # The field of these currents has the weight 1, and each derivative that of a change of its current: 0.
+            # The field at these currents has weight 1. The weight of each derivative is the change of its current, 0.
             return fields, *_weights_of_sum(len(currents), True)(np.zeros(len(currents)))
 
         return about
 
     def linear_about(self, currents: Array) -> SumOfFields:
-        """The field that is linear about currents (n,), A: of every coil at 1 A, then the rest."""
+        """The field linearised about currents (n,), A: the fields of the coils per ampere, and the remainder."""
 
         def each_field(points: Array, flux: Array, slope: Array) -> None:
             here, gradient, flux[:, :-1], slope[:, :-1] = self.by_currents(points, currents)
@@ -108,7 +108,7 @@ class SolvedField:
 
 @dataclass(eq=False)
 class Variables:
-    """Currents of coils (n,), A, or the signals (n,) of which a parametrisation makes the currents.
+    """Currents of coils (n,), A, or signals (n,) of a current parametrisation.
 
     low, high (n,): their limits. cost (n,): the power is sum(cost variables^2). noun, unit: for messages.
     """
@@ -122,15 +122,15 @@ class Variables:
     unit: str = " A"
 
     def power(self, values: Array) -> float:
-        """What values (n,) cost."""
+        """Power of values (n,)."""
         return float(self.cost @ values**2)
 
     def within(self, values: Array) -> Array:
-        """The values (n,) within the limits that are nearest."""
+        """The nearest values (n,) within the limits."""
         return np.clip(values, self.low, self.high)
 
     def nearest(self, currents: Array) -> Array:
-        """Values (..., n) that make currents (..., n_coils), A, or nearly so."""
+        """Values (..., n) whose currents are nearest to currents (..., n_coils), A."""
         return currents if self.made is None else self.made.nearest(currents).values
 
     def currents(self, values: Array) -> Array:
@@ -146,8 +146,8 @@ class Variables:
 
 @dataclass(eq=False)
 class Goal:
-    """A demand at a place. turn (3, 3): columns are the axes of the demand's body, if it has one. reacts: the iron's
-    reaction at its points, of `reacting_at`. evaluations: how often the field was asked at new values."""
+    """A demand at a place. turn (3, 3): columns are the axes of the demand's body, if it has one. reacts: result of
+    `reacting_at` for the body. evaluations: number of evaluations of the field at new values."""
 
     demand: Demand
     field: FieldAtPoints
@@ -162,7 +162,7 @@ class Goal:
         self.evaluations = 0
 
     def about(self, values: Array) -> tuple[Array, Array]:
-        """What values (n,) of the variables give, (r,), and its derivatives (r, n); the last are cached."""
+        """Components (r,) at values (n,) of the variables, and their derivatives (r, n). The last result is cached."""
         key = values.tobytes()
         if self._last is None or self._last[0] != key:
             self.evaluations += 1
@@ -178,8 +178,8 @@ class Goal:
         return self._last[1]
 
     def undirected(self) -> Array:
-        """What the rows (r,) would be if flux density and gradient lay along them, at the values asked for last: on an
-        axis of symmetry a row itself may be rounding. Zero for force and torque on a body."""
+        """Components (r,) at the last values if flux density and gradient were parallel to the rows. They give a scale
+        for a component that is only rounding, as on an axis of symmetry. Zero for force and torque on a body."""
         of, fields, weights = self.demand.selection[:, -12:], self._fields, self._weights
         if fields is None or weights is None:
             return np.zeros(len(self.demand.values))
@@ -189,8 +189,8 @@ class Goal:
         return np.linalg.norm(of[:, :3], axis=1) * sizes[0] + np.linalg.norm(of[:, 3:], axis=1) * sizes[1]
 
     def _rows_of(self, fields: Array) -> Callable[[Array], tuple[Array, Array]]:
-        """A function of the weights (k,) of fields (points, k, 12): what they give, (r,), and its derivatives (r, k) by
-        the weights."""
+        """A function of the weights (k,) of fields (points, k, 12) that gives the components (r,) and their derivatives
+        (r, k) by the weights."""
         of, at = self.demand, fields[0].T
         if of.body is None:
             matrix = of.selection @ at

@@ -1,4 +1,4 @@
-"""Currents of least power that meet a demand: of a linear one at once, of another from step to step.
+"""Currents of least power that meet a demand: a linear problem is solved directly, any other one by iteration.
 
 docs/theory/actuation.md (5) and (8).
 """
@@ -18,20 +18,20 @@ from fieldmap.lookup.inverse_problem import Goal, Variables
 from fieldmap.typing import Array
 
 _ROUNDING = 1e-13
-_FAINT = 1e-6  # a row is judged by no less than this share of what it would be of the whole field
+_FAINT = 1e-6  # least scale of a component, a share of `Goal.undirected`; weakest combination in use
 _ROUNDING_OF_MODELS = 1e-12
 _HALVINGS = 50
 _NO_SHARE = 1e-9
-# Of components of one unit, the share of the largest that no currents need meet, and the share of the strongest
-# combination of components below which currents command one only where the others do not do. In a place of symmetry
-# more may be asked for than there are coils, and the mesh of the iron is less symmetric than its machine.
+# Accepted error of a component, as a share of the largest one of its unit, and strength of a combination of components,
+# as a share of the strongest, below which it is used only if the stronger ones do not suffice. At a place of symmetry a
+# demand may have more components than coils, and the mesh of the iron is less symmetric than the machine.
 _NEARLY, _COMMANDED = 1e-4, 1e-3
 _MOST_STEPS, _MOST_CHANGES = 100, 10
 MOST_EVALUATIONS = 500
-"""Of the field at new values, in all searches of one call: the last one begun ends there."""
+"""Most evaluations of the field at new values in all searches of one call."""
 _NO_PROGRESS = 1e-4  # a share of the step below which the search gives up
-# A search that has left more than this share of the demand gives up where so many steps have changed it by no more than
-# a tenth: at limits it creeps towards the nearest that can be had.
+# A search gives up if more than the share _FAR of the demand is missing and _PATIENCE steps have reduced this share by
+# no more than a tenth. At limits it would creep towards the nearest reachable values.
 _FAR, _PATIENCE = 1e-2, 10
 
 
@@ -39,7 +39,7 @@ def linear_currents(goal: Goal) -> Array:
     """Least-power currents (n,), A, that meet a linear goal. Raises Infeasible."""
     constant, matrix = goal.about(np.zeros(len(goal.variables.cost)))
     wanted = goal.demand.values - constant
-    # A demand that the constant meets by itself asks for no currents, not for those of rounding.
+    # If the constant meets a component to rounding, the currents need not add to it.
     wanted[np.abs(wanted) <= _ROUNDING * np.abs(constant)] = 0.0
     status, found, active = goal.variables.least_power(matrix, wanted)
     if status == OUT_OF_RANGE:
@@ -52,13 +52,13 @@ def linear_currents(goal: Goal) -> Array:
 
 
 def _of_unit(demand: Demand, sizes: Array) -> Array:
-    """For each component (r,) the largest of the sizes (r,) of those of its unit."""
+    """For each component the largest of the sizes (r,) of all components of its unit, (r,)."""
     units = np.array([name[0] for name in demand.names])
     return np.array([sizes[units == unit].max() for unit in units])
 
 
 def _nearly(goal: Goal, matrix: Array, wanted: Array) -> Array | None:
-    """Least-power variables (n,) that give nearly what is wanted (r,), which none give exactly; None where none do."""
+    """Least-power variables (n,) that meet `wanted` (r,) to _NEARLY, if none meet it exactly; otherwise None."""
     sizes = _of_unit(goal.demand, np.abs(goal.demand.values))
     length = _of_unit(goal.demand, np.linalg.norm(matrix, axis=1))
     length[length == 0.0] = 1.0
@@ -103,7 +103,7 @@ def _refusal(
 
 
 def _binding(variables: Variables, values: Array, which: NDArray[np.bool_]) -> tuple[dict[str, float], str]:
-    """Those of the values (n,) which (n,) lie at limits, by name and as text."""
+    """The values (n,) that a mask (n,) selects, by name and as text."""
     chosen = np.flatnonzero(which)
     binding = {variables.names[k]: float(values[k]) for k in chosen}
     parts = [f"{variables.noun} {name} at {value:g}{variables.unit}" for name, value in binding.items()]
@@ -113,13 +113,12 @@ def _binding(variables: Variables, values: Array, which: NDArray[np.bool_]) -> t
 def _reachable_share(matrix: Array, constant: Array, wanted: Array, variables: Variables) -> float | None:
     """Largest share of the demand that variables within the limits give; None if there is none.
 
-    The largest t with matrix @ i + constant = t wanted for i within the limits. Such t are an interval. One of them
-    comes from currents that may leave the share 1 - t of the demand to one more column; halving what lies between it
-    and 1 finds the end.
+    The largest t with matrix @ i + constant = t wanted for i within the limits. All such t form an interval. A problem
+    with one more column, whose variable is 1 - t, gives one of them; bisection between it and 1 finds the largest.
     """
     low, high = np.append(variables.low, 0.0), np.append(variables.high, 1.0)
     ends = np.abs(np.concatenate([variables.low, variables.high]))
-    # What is left of the demand costs as much as the largest limit, so that both are of one size.
+    # The variable 1 - t = 1 costs as much as a current at the largest limit, so that both terms are of one size.
     cost = np.append(np.ones(len(variables.low)), ends[np.isfinite(ends)].max(initial=0.0) ** 2 or 1.0)
     beside = np.ascontiguousarray(np.hstack([matrix, wanted[:, None]]))
     with_rest = replace(variables, low=low, high=high, cost=cost)
@@ -137,23 +136,23 @@ def _reachable_share(matrix: Array, constant: Array, wanted: Array, variables: V
 
 
 class Search:
-    """Least-power variables that meet a goal, from step to step.
+    """Iterative search for least-power variables that meet a goal.
 
-    Every step takes the demand as linear about the present variables and finds the least-power variables of that. The
-    end is a local optimum. Infeasible says where the search ended: no proof that no currents exist.
+    Every step goes towards the least-power variables of the demand linearised about the present ones. The result is a
+    local optimum. Infeasible states where the search ended, which is no proof that no currents exist.
 
     Parameters
     ----------
     first
-        (n,), where the search begins.
+        Variables (n,) at which the search begins.
     scale
-        (n,), variables of the usual size.
+        Typical sizes (n,) of the variables.
     met
-        Share of the demand that may be left.
+        Share of the demand that may be missing.
     saving
-        Share of the power below which more of it is not looked for.
+        Share of the power; the search ends if a step would save less.
     remedy
-        What to try where the search fails.
+        Remedy in the error if the search fails.
     """
 
     def __init__(
@@ -172,26 +171,26 @@ class Search:
         typical = np.maximum(
             np.maximum(np.abs(first), np.abs(self._shortest_change(given, slope))), 0.1 * scale
         )
-        # What is missing of a row is judged by what is asked of it, or what typical variables give of it.
+        # Scale of a component: its demanded value, or its value for typical variables.
         self.size = np.maximum(np.abs(slope) @ typical, np.maximum(np.abs(self.demand.values), 1e-300))
         self.size = np.maximum(self.size, _FAINT * goal.undirected())
-        # The merit of variables: their power, and this price for what they miss of the demand.
+        # The merit of variables is their power plus this price times the missing share of the demand.
         self.price = 10.0 * self.variables.power(typical)
 
     def run(self) -> Array:
-        """Steps until the demand is met and no power can be saved along it; every step lowers the merit.
+        """Take steps until the demand is met and no power can be saved. Every step lowers the merit.
 
         Raises
         ------
         Infeasible
-            Where no step brings the demand nearer.
+            If no step comes nearer to the demand.
         NotConverged
-            Where there is no end within a hundred steps, or within the evaluations of the field that the call may take.
+            If the search does not end within a hundred steps or the evaluations of the field of the call.
         """
         try:
             return self._search()
         except Infeasible:
-            # What the strongest combinations alone give is often near enough, where weak ones lead astray.
+            # The strongest combinations of components alone are often near enough; weak ones can mislead the search.
             if self.nearly or _nearly(self.goal, *self._missing(self.first)) is None:
                 raise
             self._settle_for_nearly()
@@ -210,7 +209,7 @@ class Search:
             aim, left = self._aim(values, off)
             dearer = power(aim) - power(values)
             if off > self.met and self.price * (off - left) < 2.0 * dearer:
-                # Otherwise what a step costs would stand against what it brings of the demand.
+                # Otherwise the cost of a step would outweigh its gain in the demand.
                 self.price = 2.0 * dearer / (off - left)
             promised = self.price * (off - left) - dearer
             if off <= self.met and promised <= self.saving * power(values):
@@ -229,13 +228,13 @@ class Search:
         raise NotConverged.of("currents_for", must_hold, received, self.remedy)
 
     def left_by(self, error: Infeasible | NotConverged) -> float:
-        """How much of the demand a search that failed has left."""
+        """Distance from the demand at the end of a failed search."""
         reached = error.reachable if isinstance(error, Infeasible) else None
         return math.inf if reached is None else float(np.linalg.norm(reached - self.demand.values))
 
     def _aim(self, values: Array, off: float) -> tuple[Array, float]:
-        """Least-power variables of the demand made linear about `values`, or of the half, quarter, ... of what is
-        missing of it where limits bind; and how much is left then."""
+        """Least-power variables of the demand linearised about `values`, and the share of the demand that they miss. If
+        limits exclude the demand, only a half, a quarter, ... of the missing part is demanded."""
         slope, wanted = self._missing(values)
         here, given = slope @ values, self.goal.about(values)[0]
         share = 1.0
@@ -255,17 +254,17 @@ class Search:
         raise self._stuck(values)
 
     def _missing(self, values: Array) -> tuple[Array, Array]:
-        """Matrix (r, n) of the goal about values, and what it must give of variables (r,)."""
+        """Matrix (r, n) of the goal linearised about values, and its right-hand side (r,)."""
         given, slope = self.goal.about(values)
         return slope, slope @ values + self.demand.values - given
 
     def _settle_for_nearly(self) -> None:
-        """What is left of a component is judged by the largest of its unit from here on."""
+        """From now on the scale of a component is the largest one of its unit, and an error of _NEARLY is accepted."""
         self.nearly, self.met, self.size = True, max(self.met, _NEARLY), _of_unit(self.demand, self.size)
 
     def _step(self, values: Array, aim: Array, off: float, promised: float) -> tuple[Array, float] | None:
-        """Towards the aim as far as that lowers the merit by a tenth of what it promises, and how far the demand is
-        missed there; None if it does not."""
+        """Step towards the aim, halved until it lowers the merit by a tenth of the predicted decrease, and the missing
+        share of the demand there; None if no step does."""
         power, share = self.variables.power, 1.0
         while share >= _NO_PROGRESS:
             trial = values + share * (aim - values)
@@ -277,8 +276,8 @@ class Search:
         return None
 
     def _met(self, values: Array) -> Array | None:
-        """Variables that meet the demand by the least changes of these, which nearly do: where iron saturates sharply,
-        power can be saved in ever smaller steps, and each leaves a little of the demand. None if they do not exist."""
+        """Variables that meet the demand, by least changes of `values`, which nearly meet it; None if there are none.
+        Sharply saturating iron lets ever smaller steps save power, each of which misses a little of the demand."""
         of = self.variables
         for _ in range(_MOST_CHANGES):
             if self._off(values) <= self.met:
@@ -292,20 +291,20 @@ class Search:
         return None
 
     def _shortest_change(self, given: Array, slope: Array) -> Array:
-        """The shortest change of the variables that gives what is missing of the demand, to first order."""
+        """The shortest change of the variables that gives the missing part of the demand, to first order."""
         length = np.linalg.norm(slope, axis=1)
         length = np.where(length > 0.0, length, 1.0)
         missing = (self.demand.values - given) / length
         return np.asarray(np.linalg.lstsq(slope / length[:, None], missing, rcond=1e-3)[0], float)
 
     def _off(self, values: Array) -> float:
-        """How far the demand is missed, beyond rounding."""
+        """Largest missing share of a component of the demand, beyond rounding."""
         missed = np.abs(self.goal.about(values)[0] - self.demand.values) / self.size
         return max(float(missed.max()) - _ROUNDING_OF_MODELS, 0.0)
 
     def _stuck(self, values: Array) -> Infeasible:
         reached, of = self.goal.about(values)[0], self.variables
-        # The search ends before steps that are that short.
+        # The search takes no steps shorter than this margin.
         between, most = of.high - of.low, np.abs(values).max(initial=1e-12)
         margin = _NO_PROGRESS * np.where(np.isfinite(between), between, most)
         at_limit = (values <= of.low + margin) | (values >= of.high - margin)

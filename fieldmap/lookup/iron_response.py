@@ -31,9 +31,9 @@ _made: WeakKeyDictionary[FieldMap, dict[tuple[int, int, int] | None, CurrentTabl
 
 
 def core_map(field_map: FieldMap | MapAtCurrents) -> CoreMap:
-    """The map as the C core takes it: of all fields that `unit_block` has.
+    """The map for the C core, with all fields of `unit_block`.
 
-    Of a map with linear iron its weights are the currents of the coils.
+    The weights of a map with linear iron are the currents of the coils.
 
     Parameters
     ----------
@@ -64,8 +64,8 @@ def unit_block(field_map: FieldMap | MapAtCurrents) -> Array:
     Returns
     -------
     Array
-        The coils' per ampere, then saturating iron's at weight 1, then those of what no current drives. Of a
-        map at given currents: those of their sum.
+        Coefficients of the coils per ampere, then of saturating iron at weight 1, then of the constant field. For a map
+        at given currents: coefficients of the sum.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def unit_block(field_map: FieldMap | MapAtCurrents) -> Array:
 
 
 def saturates(field_map: FieldMap) -> bool:
-    """Whether the field is not the sum of its coils' fields and a constant.
+    """Whether the iron of the map saturates, so that its fields do not superpose.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def iron_weights(field_map: FieldMap, currents: ArrayLike, loop: float | None = 
     currents
         (s, n), A.
     loop
-        A: slopes of loops of this size, instead of derivatives, as for `FieldMap.by_currents`.
+        Size of current loops, A, whose slopes replace the derivatives, as for `FieldMap.by_currents`.
 
     Returns
     -------
@@ -172,7 +172,7 @@ def inductance_at_zero(field_map: FieldMap) -> Array:
     InputError
         For a map without linkages.
     NotConverged
-        Where the model has no solution there.
+        If the model has no solution there.
     """
     known = field_map._linkages().inductance
     if field_map._model is None:
@@ -190,7 +190,7 @@ def table_of_currents(field_map: FieldMap, nodes: tuple[int, int, int] | None = 
     field_map
         The map.
     nodes
-        Numbers of nodes for u, x and y; the map's own table, or as many as it needs, unless given.
+        Numbers of nodes for u, x and y; unless given, those of the map's own table or sufficient numbers.
 
     Raises
     ------
@@ -208,7 +208,7 @@ def table_of_currents(field_map: FieldMap, nodes: tuple[int, int, int] | None = 
 
 
 def tangent_block(field_map: FieldMap, currents: ArrayLike, loop: float | None = None) -> Array:
-    """A block of n_coils + 1 fields whose sum with weights (i, 1) touches the map at given currents.
+    """A block of n_coils + 1 fields whose sum with weights (i, 1) is tangent to the map at given currents.
 
     Parameters
     ----------
@@ -233,8 +233,8 @@ def tangent_block(field_map: FieldMap, currents: ArrayLike, loop: float | None =
 
 
 def tangent_mix(field_map: FieldMap, currents: ArrayLike, loop: float | None = None) -> Array:
-    """The fields of `tangent_block` as combinations (n_coils + 1, n_fields) of the map's. Arguments and errors are
-    those of `tangent_block`."""
+    """The fields of `tangent_block` as combinations (n_coils + 1, n_fields) of the map's fields. Arguments and errors
+    are those of `tangent_block`."""
     amperes = coil_currents(currents, field_map.coil_names)
     values, slopes = iron_weights(field_map, amperes[None], loop)
     n = len(amperes)

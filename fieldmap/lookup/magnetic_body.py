@@ -45,7 +45,7 @@ class MagneticBody(Record):
     soft: tuple[SoftPiece, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raises InputError for points and moments that are not as many finite vectors."""
+        """Raises InputError unless points and moments are finite arrays (q, 3) of one shape."""
         shape, other = np.shape(self.points), np.shape(self.moments)
         fits = shape == other and len(shape) == 2 and shape[1] == 3
         received, remedy = f"shapes {shape} and {other}", "give a row for each dipole"
@@ -70,7 +70,7 @@ class MagneticBody(Record):
         Raises
         ------
         InputError
-            For what is not three finite numbers.
+            Unless the moment is three finite numbers.
         """
         given = check_vector("MagneticBody.dipole(moment)", moment, "give x, y, z in A m^2")
         return cls(np.zeros((1, 3)), given[None])
@@ -82,25 +82,25 @@ class MagneticBody(Record):
 
     @property
     def count(self) -> int:
-        """At how many points the field acts on it."""
+        """Number of points at which the field acts on the body."""
         return len(self.points) + len(self.soft)
 
     @cached_property
     def core(self) -> CoreBody:
-        """The body as the C core takes it."""
+        """The body for the C core."""
         dipoles = np.concatenate([self.points, self.moments], axis=1, dtype=np.float64)
         return CoreBody(np.ascontiguousarray(dipoles), [core_piece(piece) for piece in self.soft])
 
     @cached_property
     def all_points(self) -> Array:
-        """These points (count, 3), m: of the fixed dipoles, then the centres of the soft pieces."""
+        """The points (count, 3), m: the fixed dipoles, then the centres of the soft pieces."""
         if not self.soft:
             return self.points
         return np.concatenate([self.points, [piece.centre for piece in self.soft]])
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What its force rests on beyond that of rigid magnets."""
+        """Assumptions of its force besides rigid magnets."""
         return (ASSUMPTION,) if self.soft else ()
 
     def wrench(
@@ -127,9 +127,9 @@ class MagneticBody(Record):
         Raises
         ------
         OutsideMapError
-            Where a part of the body is outside the field.
+            If a part of the body is outside the field.
         NotConverged
-            If soft iron and the machine's iron magnetise each other without end.
+            If soft iron and the machine's iron magnetise each other without limit.
         """
         found, single = self._found(field, positions, currents, orientations)
         return found.wrench[0] if single else found.wrench
@@ -137,10 +137,10 @@ class MagneticBody(Record):
     def energy(
         self, field: AnyField, positions: ArrayLike, currents: Any, orientations: ArrayLike | None = None
     ) -> Array:
-        """Interaction energy: -m . B of the magnets, -integral of m dB of soft iron, and of what the machine's
-        iron reacts with, docs/theory/reaction.md (3).
+        """Interaction energy: -m . B of the magnets, -integral of m dB of soft iron, and the energy of the reaction of
+        the machine's iron, docs/theory/reaction.md (3).
 
-        `wrench` is minus its gradient, by place and turn.
+        `wrench` is minus its gradient by place and rotation.
 
         Parameters
         ----------
@@ -243,7 +243,7 @@ class MagneticBody(Record):
         if source.reaction is None:
             return stiffness
         second = source.reaction.second_gradient(found.points)
-        # The weights follow the place, and so do moments of soft iron: (1 - b chi b s) dw = m . db + b chi dB.
+        # Weights of the reaction and soft moments change with the place: (1 - b chi b s) dw = m . db + b chi dB.
         moved = np.einsum("qkij,qi->kj", gradients, moments)
         moved += np.einsum("pki,pij,pjl->kl", inside, by_field, soft)
         coupled = np.eye(len(signs)) - np.einsum("pki,pij,plj->kl", inside, by_field, inside) * signs
@@ -266,7 +266,7 @@ class MagneticBody(Record):
         orientation
             Rotation (3, 3) whose columns are the body's axes.
         reacts
-            The iron's reaction there, of `reacting_at`; none unless given.
+            Result of `reacting_at` at these points; no reaction unless given.
 
         Returns
         -------
@@ -292,7 +292,7 @@ class MagneticBody(Record):
         orientations: ArrayLike | None,
         slopes: bool = False,
     ) -> tuple[_Found, bool]:
-        """What the C core finds; and whether one position was given."""
+        """Results of the C core, and whether a single position was given."""
         where, single = checked_vectors("positions", positions)
         n, q = len(where), self.count
         turn = np.ascontiguousarray(checked_turns(orientations, n))
@@ -315,8 +315,8 @@ class MagneticBody(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _Found(Record):
-    """Of a body at n poses: points (n q, 3), the gradient (n q, 3, 3) there without the iron's reaction, and that of
-    `reacting_at`; wrench (n, 6), energy (n,), moments (n, q, 3), dm/dB (n, s, 3, 3) of its s pieces of soft iron."""
+    """Results for a body at n poses: points (n q, 3), the gradient (n q, 3, 3) there without the iron's reaction, the
+    result of `reacting_at`; wrench (n, 6), energy (n,), moments (n, q, 3), dm/dB (n, s, 3, 3) of its s soft pieces."""
 
     points: Array
     slope: Array
@@ -328,17 +328,17 @@ class _Found(Record):
 
 
 def unsettled(where: str) -> NotConverged:
-    """The error for soft iron whose moments come to no end.
+    """The error for soft iron whose moments do not converge.
 
     Parameters
     ----------
     where
-        Function that was asked.
+        Function that was called.
 
     Returns
     -------
     NotConverged
-        To raise.
+        The error, to be raised.
     """
     must_hold = "the moments of soft iron must come to an end in each other's fields"
     return NotConverged.of(
@@ -347,7 +347,7 @@ def unsettled(where: str) -> NotConverged:
 
 
 def loaded(field: Field, moment: ArrayLike | MagneticBody) -> ArrayLike | MagneticBody:
-    """A dipole's moment (3,) as a body where the iron of the field reacts to it; what is asked otherwise as it is."""
+    """A dipole's moment (3,) as a body if the iron of the field reacts to it; anything else unchanged."""
     if field.reaction is None or isinstance(moment, MagneticBody) or np.shape(moment) != (3,):
         return moment
     return MagneticBody.dipole(moment)
@@ -359,14 +359,15 @@ def reacting_at(reaction: Reaction | None, points: Array) -> tuple[int, Array, A
     Parameters
     ----------
     reaction
-        Of a field, or None.
+        Reaction of a field, or None.
     points
         Positions (p, 3), m.
 
     Returns
     -------
     tuple[int, Array, Array]
-        Of how many fields, the last, the sign is -1; flux densities (p, k, 3), T/sqrt(J), and gradients (p, k, 3, 3).
+        Number of fields with the sign -1, the last ones; flux densities (p, k, 3), T/sqrt(J), and gradients
+        (p, k, 3, 3).
     """
     if reaction is None:
         nothing = np.zeros((len(points), 0, 3, 3))
@@ -383,7 +384,7 @@ def checked_turns(orientations: ArrayLike | None, n: int) -> Array:
     orientations
         Rotations (3, 3) or (n, 3, 3); upright unless given.
     n
-        How many positions there are.
+        Number of positions.
 
     Returns
     -------
@@ -393,7 +394,7 @@ def checked_turns(orientations: ArrayLike | None, n: int) -> Array:
     Raises
     ------
     InputError
-        For what is no rotation, and for another number.
+        For matrices that are no rotations, and for a wrong number of them.
     """
     if orientations is None:
         return np.tile(np.eye(3), (n, 1, 1))

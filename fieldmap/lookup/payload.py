@@ -1,4 +1,4 @@
-"""What a payload makes of a field: the dipoles of its magnets, and its soft iron."""
+"""The magnetic body of a payload (dipoles of its magnets, and soft iron), and compiled functions for it."""
 
 from __future__ import annotations
 
@@ -33,22 +33,22 @@ def magnetic_body(
 ) -> MagneticBody:
     """The magnetic body of a payload, a magnet or a soft body, about its centre.
 
-    A payload of a moment alone is a dipole, which points as `Payload.direction` says; of a shape and a moment of its
-    own, such as a measured one, the rule of the shape has that moment.
+    A payload with a moment alone is a dipole along `Payload.direction`. If it has a shape and its own moment, such as a
+    measured one, the rule of the shape is scaled to this moment.
 
     Parameters
     ----------
     payload
         The payload, magnet or soft body.
     level
-        Of the volume rule of each magnet (`volume_rule`); 1, a point dipole in its middle. Unless given, the payload's
-        `volume_level`, 3 for a shape alone.
+        Order of the volume rule of each magnet (`volume_rule`); 1 is a point dipole at its centre. Unless given, the
+        payload's `volume_level`, 3 for a shape alone.
     field
-        Any field, which chooses the rules instead, as `finite_magnet` does.
+        Any field, for which `finite_magnet` then chooses the rules.
     tolerance
-        Of that choice.
+        Tolerance of this choice.
     places
-        For that choice: centres (n, 3) of the payload, m; a field without a box needs them.
+        Centres (n, 3) of the payload for this choice, m; a field without a box needs them.
 
     Returns
     -------
@@ -58,8 +58,8 @@ def magnetic_body(
     Raises
     ------
     InputError
-        For soft iron whose material is a mere name, or is none of soft iron; and as for `finite_magnet` and
-        `Payload.moment_vector`.
+        For soft iron with only the name of a material, or a material that is no soft iron; and as for `finite_magnet`
+        and `Payload.moment_vector`.
     NotConverged, OutsideMapError
         As for `finite_magnet`.
 
@@ -73,7 +73,7 @@ def magnetic_body(
     0.8125
     """
 
-    # Here, as in `_of_pieces`: maps are opened faster without the package of devices.
+    # Imported here, as in `_of_pieces`: maps are opened faster without the package of devices.
     from fieldmap.device.payload import Magnet, Payload, SoftBody
 
     if level is None:
@@ -99,7 +99,7 @@ def magnetic_body(
 
 
 def check_payload(payload: Payload | None, where: str, pieces: bool = False) -> Payload:
-    """A payload with a positive mass and a positive moment; or of pieces, if these are welcome. Raises InputError."""
+    """The payload, if its mass and moment are positive, or if it has allowed pieces. Raises InputError."""
     if payload is None:
         raise InputError.of(
             f"{where}(payload)", "must be a payload", "None", "add a [payload] table to the device file"
@@ -124,7 +124,7 @@ def compiled_wrench(field_map: FieldMap, body: MagneticBody) -> tuple[Any, Any]:
 
     inside = function(data, currents, place, turn, wrench, slopes) with float64 arrays: currents (n_coils,),
     A; place (3,), m, of the body's centre; turn (3, 3), columns its axes. It fills wrench (6,), N and N m,
-    and slopes (6, n_coils), N/A and N m/A. It is False, and they are NaN, where the body leaves the box or
+    and slopes (6, n_coils), N/A and N m/A. It returns False and fills in NaN if the body leaves the box or
     the iron has no solution.
 
     Parameters
@@ -137,8 +137,8 @@ def compiled_wrench(field_map: FieldMap, body: MagneticBody) -> tuple[Any, Any]:
     Returns
     -------
     tuple[Any, Any]
-        (function, data). The data are as those of `FieldMap.compiled`: an argument or a global of your
-        function, for this process alone, and of a map of saturating iron one for each thread.
+        (function, data). The data, as of `FieldMap.compiled`, are an argument or a global of your function, in this
+        process only. With a map of saturating iron each thread needs its own.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def compiled_wrench(field_map: FieldMap, body: MagneticBody) -> tuple[Any, Any]:
     """
     _require_no_table(field_map, "compiled_wrench")
     words = caller(field_map._evaluator.core(), field_map._weights_of_callers(), body.core)
-    # Only who compiles functions of their own needs numba.
+    # Imported here: numba is needed only for compiled functions.
     from fieldmap.lookup.compiled import wrench_at
 
     return wrench_at, words
@@ -162,7 +162,7 @@ def compiled_linkages(field_map: FieldMap, body: MagneticBody | None = None) -> 
 
     known = function(data, currents, place, turn, linkages, inductance) with float64 arrays as for `compiled_wrench`. It
     fills linkages (n_coils,), Wb, as `FieldMap.flux_linkage`, and inductance (n_coils, n_coils), H, as
-    `FieldMap.inductance`. It is False, and they are NaN, where the body leaves the box or the iron has no solution. The
+    `FieldMap.inductance`. It returns False and fills in NaN if the body leaves the box or the iron has no solution. The
     voltages that a moving body induces are slopes.T @ (velocity, angular velocity), with the slopes of
     `compiled_wrench`.
 
@@ -171,7 +171,7 @@ def compiled_linkages(field_map: FieldMap, body: MagneticBody | None = None) -> 
     field_map
         Opened map with the flux linkages of its coils.
     body
-        A payload that adds its own. Without one the function reads no place and no turn.
+        A payload whose linkages are added. Without one the function reads no place and no turn.
 
     Returns
     -------
@@ -204,7 +204,7 @@ def _require_no_table(field_map: FieldMap, where: str) -> None:
 
 
 def _as_measured(magnet: FiniteMagnet, moment: float) -> FiniteMagnet:
-    """The rule of a shape with a payload's own moment along z, A m^2, in the place of that of its remanence."""
+    """The rule of a shape, scaled from the moment of its remanence to a payload's own moment along z, A m^2."""
     share = moment / magnet.moment
     # A moment that follows from the shape differs by rounding alone.
     return magnet if abs(share - 1.0) < 1e-12 else replace(magnet, moments=share * magnet.moments)

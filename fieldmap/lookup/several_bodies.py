@@ -1,6 +1,6 @@
 """Currents of least power that give forces on several bodies at once. docs/theory/actuation.md.
 
-The bodies act on each other, directly and by the iron that they magnetise, and their soft iron follows the whole field.
+The bodies act on each other, directly and through the iron that they magnetise. Soft iron follows the whole field.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from fieldmap.typing import Array
 @dataclass(frozen=True, eq=False, repr=False)
 class SeveralForces(Record):
     """currents (n_coils,), A; actuation: the wanted components of all bodies, their derivatives (r, n_coils) by the
-    currents, and the rest, so that matrix @ currents + constant is what these currents give. Its `rank` is below the
-    number of rows where currents do not command every component by itself; by its `condition`, small changes of the
-    demand can take large changes of the currents."""
+    currents, and the rest, so that matrix @ currents + constant are the components at these currents. Its `rank` is
+    below the number of rows if the currents do not command every component independently. With a large `condition`
+    small changes of the demand can take large changes of the currents."""
 
     currents: Array
     actuation: Actuation
@@ -38,7 +38,7 @@ class SeveralForces(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _Demand(Demand):
-    """The wanted ones of the components (6 n,), force and torque of one body behind those of the other."""
+    """The demanded ones of the components (6 n,), which are force and torque of each body in turn."""
 
     bodies: tuple[MagneticBody, ...] = ()
 
@@ -93,8 +93,8 @@ def currents_for_several(
 ) -> SeveralForces:
     """Currents of least power that give forces and torques on n bodies at once.
 
-    On each body act the coils, the magnets and soft iron of all others, and the reaction of the machine's iron to all
-    of them, where the field knows it.
+    The force on a body comes from the coils, from magnets and soft iron of all other bodies, and from the reaction of
+    the machine's iron to all bodies, if the field has it.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def currents_for_several(
     positions
         Centres of the bodies (n, 3) in the frame of the field, m.
     moments
-        Of each body: a moment (3,), A m^2, or a `MagneticBody`.
+        For each body a moment (3,), A m^2, or a `MagneticBody`.
     forces, torques
         (n, 3), N and N m, about the centres; NaN leaves a component free.
     limits, resistance, start
@@ -169,7 +169,7 @@ def currents_for_several(
 def _bodies_at(
     positions: ArrayLike, moments: Sequence[ArrayLike | MagneticBody], orientations: ArrayLike | None
 ) -> tuple[Array, tuple[MagneticBody, ...], Array]:
-    """Places (n, 3), bodies, of a dipole where a moment is given, and turns (n, 3, 3)."""
+    """Places (n, 3), bodies (a dipole for a moment), and rotations (n, 3, 3)."""
     places, _ = checked_vectors("currents_for_several, positions", positions)
     where, remedy = "currents_for_several, moments", "give a moment (3,) or a MagneticBody for each position"
     check(len(moments) == len(places), where, f"must be {len(places)}", len(moments), remedy)

@@ -1,5 +1,5 @@
-"""Soft iron in a field: ellipsoids that answer it at their centre, or its gradient too, docs/theory/wrench.md (5)..(9)
-and (12); and a sphere of constant permeability in closed form, (4)."""
+"""Soft iron in a field: ellipsoids that respond to the field at their centre, or also to its gradient,
+docs/theory/wrench.md (5)..(9) and (12); and a sphere of constant permeability in closed form, (4)."""
 
 from __future__ import annotations
 
@@ -79,12 +79,12 @@ def demagnetising_factors(axes: ArrayLike) -> Array:
 
 
 def soft_rule(shape: SoftBody, level: int = 1, placement: Placement | None = None) -> tuple[SoftPiece, ...]:
-    """The pieces that stand for a soft sphere or ellipsoid: one in its centre, or six that answer the gradient, too.
+    """The pieces of a soft sphere or ellipsoid: one at its centre, or six that also respond to the gradient.
 
-    Each of the six has a sixth of the volume, and lies on an axis, docs/theory/wrench.md (12). Of a sphere of constant
-    permeability they have the moment and the quadrupole of the closed form; left out is the answer to the second
-    gradient, (size / distance of the nearest source)^4 of the force. Of ellipsoids, and of iron that saturates in the
-    gradient, the quadrupole is an approximation.
+    Each of the six has a sixth of the volume, and lies on an axis, docs/theory/wrench.md (12). For a sphere of constant
+    permeability they have the moment and the quadrupole of the closed form. The response to the second gradient,
+    (size / distance of the nearest source)^4 of the force, is left out. For ellipsoids, and for iron that saturates in
+    the gradient, the quadrupole is an approximation.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def soft_rule(shape: SoftBody, level: int = 1, placement: Placement | None = Non
     level
         1 for one piece, more for six.
     placement
-        Its place and turn in the body; the body's centre unless given.
+        Its position and rotation in the body; the body's centre unless given.
 
     Returns
     -------
@@ -103,7 +103,7 @@ def soft_rule(shape: SoftBody, level: int = 1, placement: Placement | None = Non
     Raises
     ------
     InputError
-        For a material that is no soft iron, or a mere name of one.
+        For a material that is no soft iron, or only the name of one.
 
     Examples
     --------
@@ -111,7 +111,7 @@ def soft_rule(shape: SoftBody, level: int = 1, placement: Placement | None = Non
     >>> [len(soft_rule(SoftSphere(4e-3, mu_r=1e3), level)) for level in (1, 2)]
     [1, 6]
     """
-    # Here, as in _law_of: opening a map takes less time without device.
+    # Imported here, as in _law_of: maps are opened faster without the package of devices.
     from fieldmap.device.placement import Placement
 
     place = Placement() if placement is None else placement
@@ -127,7 +127,7 @@ def soft_rule(shape: SoftBody, level: int = 1, placement: Placement | None = Non
 
 
 def _law_of(shape: SoftBody) -> tuple[float, tuple[Array, Array, Array, Array]]:
-    """Permeability and no law, or infinity and the law's knots."""
+    """Permeability without a law; or infinity and the knots of the law."""
     from fieldmap.device.materials import Material, SaturatingMaterial
     from fieldmap.device.payload import shape_text
 
@@ -163,12 +163,12 @@ def knots_of(material: SaturatingMaterial) -> tuple[Array, Array, Array, Array]:
 
 
 def core_piece(piece: SoftPiece) -> Soft:
-    """The piece as the C core takes it."""
+    """The piece for the C core."""
     centre, axes, factors, law = (
         np.array(part, dtype=np.float64, order="C")
         for part in (piece.centre, piece.axes, piece.factors, piece.law)
     )
-    # Of a piece with a law the core takes no permeability.
+    # The core ignores the permeability of a piece with a law.
     reluctance = 0.0 if law.size else 1.0 / (piece.mu_r - 1.0)
     return Soft(centre, axes, factors, float(piece.volume / MU0), reluctance, law)
 
@@ -178,10 +178,9 @@ def soft_sphere_force(
 ) -> Array:
     """Force on a sphere of constant permeability; there is no torque.
 
-    docs/theory/wrench.md (4): the sphere answers the field's own value and gradient exactly. What is left
-    out, the answer to the second gradient, is of the order (radius / R)^4 of the force with R the distance of
-    the nearest source; the sphere's influence on the coils' iron is left out as well. The field is that
-    without the sphere.
+    docs/theory/wrench.md (4): the response to the field and its gradient is exact. The response to the second gradient
+    is left out; it is of the order (radius / R)^4 of the force with R the distance of the nearest source. `field` is
+    the field without the sphere, so the sphere's influence on the coils' iron is left out too.
 
     Parameters
     ----------
@@ -192,7 +191,7 @@ def soft_sphere_force(
     currents
         Currents, A: (n_coils,) in the order of `coil_names`, one number for all coils, or a mapping by name.
     diameter
-        Of the sphere, m.
+        Diameter of the sphere, m.
     mu_r
         Its relative permeability.
 
@@ -204,7 +203,7 @@ def soft_sphere_force(
     Raises
     ------
     InputError
-        For a diameter or permeability that cannot be.
+        Unless the diameter is positive and finite, and mu_r at least 1.
     """
     if not (diameter > 0 and np.isfinite(diameter) and mu_r >= 1):
         received = f"diameter {diameter!r}, mu_r {mu_r!r}"

@@ -5,7 +5,7 @@ Depends on: errors, kernels, device, store, iron, pydantic.
 
 from fieldmap.extras import needs
 
-# As in fieldmap.iron: told here for all modules.
+# As in fieldmap.iron: scipy is checked here for all modules of the package.
 with needs("make", "fieldmap.maps"):
     import scipy
 

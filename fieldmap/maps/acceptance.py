@@ -1,4 +1,4 @@
-"""Acceptance of a current model: does it reach the accuracy of its recipe, and if not, which part is to blame?"""
+"""Acceptance of a current model: whether it reaches the accuracy of its recipe, and which part of it falls short."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from fieldmap.store.stated_accuracy import (
 )
 
 # The next number of states is extrapolated from the errors of the rounds, up to `_BELIEVED` times the present number.
-# Where that fails, it is `_MORE` times the present number.
+# If that fails, it is `_MORE` times the present number.
 _MORE, _BELIEVED = 2, 8
-# Of each part of the error: wording of what it leaves and of that it falls short, and the keys of the recipe that make
-# it smaller. The recipe limits the states; the training takes as many of the others as it needs.
+# For each part of the error: words for its size, words for the shortfall, and the recipe keys that reduce it. Only the
+# limit of the states is strict; the training exceeds the limits of modes, points and fields if it must.
 _PARTS = {
     "states": ("states and modes leave", "the states fall short", ("states", "modes")),
     "modes": ("", "the modes fall short", ()),
@@ -67,9 +67,9 @@ def require_accuracy(
     Parameters
     ----------
     about
-        The report of the map, or that of its training with `generation_seconds`.
+        Report of the map, or of its training with `generation_seconds`.
     plan
-        Of the training; None for a map of linear iron.
+        Plan of the training; None for a map of linear iron.
     target
         Path of the map, for the message.
     accept_error
@@ -115,16 +115,16 @@ def shortfall(about: Mapping[str, Any], plan: Plan) -> Shortfall:
     Parameters
     ----------
     about
-        The report of the map or of its training; `error_parts` in it are used if present.
+        Report of the map or of its training; its `error_parts` are used if present.
     plan
-        Of the training.
+        Plan of the training.
     """
     parts: Mapping[str, Any] = about.get("error_parts") or {}
     shares = {name: float(parts[name]) for name in _PARTS if name in parts}
     limits, taken = parts.get("limits", ()), parts.get("taken", {})
     reached = missed_accuracy(about)
     if shares and reached is not None and "fields" in limits:
-        # The rest of the error is due to the fields.
+        # The fields cause the rest of the error.
         rest = reached.largest_share - sum(shares.values())
         shares |= {"fields": rest} if rest > 0.0 else {}
     largest = max(shares, key=lambda name: shares[name]) if shares else ""
@@ -143,7 +143,7 @@ def shortfall(about: Mapping[str, Any], plan: Plan) -> Shortfall:
 
 
 def _states(about: Mapping[str, Any], plan: Plan) -> int | None:
-    """Number of states to suggest: extrapolated from the errors of the rounds where possible, otherwise twice as many.
+    """Number of states to suggest: extrapolated from the errors of the rounds if possible, otherwise twice as many.
 
     None if the recipe allows the largest number already.
     """

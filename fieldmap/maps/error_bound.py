@@ -1,9 +1,9 @@
-"""How far lookups of a map differ from the solver: measured at samples, and bounded anywhere in the box.
+"""Differences between lookups of a map and the solver: measured at samples, and bounded anywhere in the box.
 
-The bound (docs/theory/lookup.md, certificate): the solver's B and gradient are harmonic in the box, and so are those of
-one polynomial P for the whole box. The norm of their difference is largest on the surface of the box (a sum of norms of
-harmonic functions is subharmonic). What a polynomial per cell differs from P by is largest on the cell's faces, for the
-same reason. Both are sampled at Chebyshev points; between n x n of them a polynomial of degree d < n in each variable
+The bound (docs/theory/lookup.md, certificate): B and gradient are harmonic in the box, of the solver and of one
+polynomial P for the whole box. A sum of norms of harmonic functions is subharmonic, so the difference between solver
+and P is largest on the surface of the box, and the difference between P and the polynomial of a cell on the faces of
+the cell. Both are sampled at Chebyshev points. Between n x n of these a polynomial of degree d < n in each variable
 stays below 1 / cos(pi d / 2 n)^2 times its largest sample (Ehlich, Zeller, Math. Z. 86 (1964) 41).
 """
 
@@ -29,13 +29,14 @@ from fieldmap.typing import Array, Index
 Pair = tuple[Array, Array]
 RANDOM_POINTS = 200
 SEED = 20240229
-# The polynomial P has degree 16. What remains of the solver's field falls by more than half with every degree.
+# Chebyshev points along the edges of the box, and assumed degree of the difference between solver and P. P has degree
+# 16; the terms of the solver's field more than halve from each degree to the next.
 SURFACE_POINTS, SURFACE_DEGREE = 24, 18
-# At how many points the solver is asked.
+# Points at which the certificate evaluates the solver.
 SOLVER_POINTS = 6 * SURFACE_POINTS**2
-# Of the samples of cells of a row: they bound the memory of a certificate.
+# Most numbers held at a time for the cells of a row, which limits the memory of a certificate.
 _NUMBERS_AT_ONCE = 4_000_000
-# The polynomials of cells have degree 5; a cell is small against the distance of all sources.
+# Chebyshev points along the edges of a cell, and degree of B up to which they bound it: see `_BeyondFaces`.
 FACE_POINTS, FACE_DEGREE = 12, 8
 _SYMMETRIC = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
@@ -60,8 +61,8 @@ def sample_points(grid: Grid) -> Array:
 def interpolation_error(data: MapData, unit_fields: UnitFields) -> FieldError:
     """Largest difference between the Hermite form and the solver over the sample points.
 
-    The norm of each field's difference times its scale, a coil's reference current, is summed over the fields, so the
-    figure holds at the sampled points for any currents up to these, whatever their signs. A sample, not a bound.
+    The norms of the fields' differences are summed, each times the scale of its field (for a coil the reference
+    current). The sum holds at the sampled points for all currents up to these, of either sign. It is no bound.
     """
     points = sample_points(data.grid)
     form = hermite_form(data, "raise")
@@ -69,13 +70,13 @@ def interpolation_error(data: MapData, unit_fields: UnitFields) -> FieldError:
 
 
 def difference_to_solver(form: Form, scale: Array, points: Array, unit_fields: UnitFields) -> Array:
-    """(2,): largest sum over the fields of the norms of the differences at points (n, 3), each times its scale: B and
-    gradient."""
+    """Largest difference (2,) at points (n, 3), B in T and gradient in T/m: the norms of the differences of the fields
+    are summed, each times its scale."""
     return _largest(_by_field(form, points), zip(*unit_fields(points), strict=True), scale)
 
 
 def _by_field(form: Form, points: Array) -> Iterator[tuple[Array, Array]]:
-    """Field (n, 3) and gradient (n, 3, 3) of one coil after the other, per ampere."""
+    """Flux density (n, 3) and gradient (n, 3, 3) of each field in turn, at weight 1."""
     core = CoreMap(form.unit)
     for one in np.eye(form.n_coils):
         flux, slope = np.empty((len(points), 3)), np.empty((len(points), 3, 3))
@@ -94,7 +95,7 @@ def _largest(ours: Iterable[Pair], theirs: Iterable[Pair], scale: Array) -> Arra
 
 
 def certified_bounds(data: MapData, unit_fields: UnitFields, scale: Array) -> Mapping[str, FieldError]:
-    """Bounds by kind of lookup of a map: see `bounds_of_forms`. Empty where no polynomial holds the whole box."""
+    """Bounds by kind of lookup: see `bounds_of_forms`. Empty if no single polynomial fits the whole box."""
     try:
         whole = global_form(data, "raise")
     except InputError:
@@ -107,8 +108,8 @@ def bounds_of_forms(
 ) -> Mapping[str, FieldError]:
     """Bounds by kind of lookup, "harmonic" and "global": T and T/m, summed over the fields times their scale.
 
-    They hold for all points of the box and for all weights of the fields up to scale (n_fields,) in size: the
-    reference currents, or of saturating iron the largest weights in the domain of the currents. grid: that of cells.
+    They hold at all points of the box for weights of the fields up to `scale` (n_fields,) in magnitude: the reference
+    currents, or for saturating iron the largest weights in the domain of the currents. grid: the grid of `cells`.
     """
     surface = box_surface(grid, SURFACE_POINTS)
     outer = between_samples(SURFACE_POINTS, SURFACE_DEGREE) * difference_to_solver(
@@ -119,12 +120,12 @@ def bounds_of_forms(
 
 
 def difference_of_polynomials(cells: Form, whole: Form, grid: Grid, scale: Array) -> Array:
-    """(2,): bounds of B and gradient between the polynomials of cells and that of the whole box, all over the cells."""
+    """Bounds (2,) on the difference in B and gradient between the polynomials of cells and of the whole box."""
     unit, count = float(cells.unit[LENGTH]), whole.n_coils
     degree = max(int(form.unit[DEGREE]) for form in (cells, whole))
     polynomial = np.zeros(((degree + 1) ** 2, count))
     polynomial[: set_size(whole.unit)] = whole.unit[HEADER:].reshape(count, -1).T
-    # In lengths of the cells: B is the derivative of the potential by the local coordinates.
+    # Coefficients in the cells' unit of length. B is the derivative of the potential by the local coordinates.
     polynomial *= ((unit / float(whole.unit[LENGTH])) ** (_degrees(degree) - 1.0))[:, None]
     centres = [
         (np.arange(n - 1) - (n - 2) / 2) * h / unit for n, h in zip(grid.shape, grid.spacing, strict=True)
@@ -142,7 +143,7 @@ def difference_of_polynomials(cells: Form, whole: Form, grid: Grid, scale: Array
     to_cells = []
     for begin in range(0, shape[2], at_once):
         some = slice(begin, min(begin + at_once, shape[2]))
-        # In one product: the first coefficient of each of these cells, then the second.
+        # Rows in the order of the product below: the first coefficient of all these cells, then the second.
         stacked = vstack([shift_matrix(degree, 2, z) for z in centres[2][some]], format="csr")
         order = np.arange(stacked.shape[0]).reshape(some.stop - begin, -1).T.ravel()
         to_cells.append((some, stacked[order]))
@@ -163,17 +164,15 @@ def difference_of_polynomials(cells: Form, whole: Form, grid: Grid, scale: Array
 
 
 def _degrees(degree: int) -> Index:
-    """Of every coefficient ((degree + 1)^2,)."""
+    """Degree of every coefficient, ((degree + 1)^2,)."""
     return np.repeat(np.arange(degree + 1), 2 * np.arange(degree + 1) + 1)
 
 
 @cache
 def _unit_shift(degree: int, axis: int) -> tuple[csr_array, NDArray[np.intp]]:
-    """Matrix of coefficients ((degree + 1)^2,) to those about an origin 1 further along an axis, and of each of its
-    entries by which power of the shift it grows.
-
-    Taylor's series, which ends: p(x + s) = sum_k (s d/dx)^k p(x) / k!. All degrees that the polynomials have are kept.
-    """
+    """Matrix that moves the origin of coefficients ((degree + 1)^2,) by 1 along an axis, and for each entry the power
+    of the shift to which it is proportional. It is Taylor's series, p(x + s) = sum_k (s d/dx)^k p(x) / k!, which is
+    finite for a polynomial."""
     terms = (degree + 1) ** 2
     derivative = csr_array(derivative_matrix(degree, axis))
     derivative.resize((terms, terms))
@@ -187,16 +186,15 @@ def _unit_shift(degree: int, axis: int) -> tuple[csr_array, NDArray[np.intp]]:
 
 
 def shift_matrix(degree: int, axis: int, shift: float) -> csr_array:
-    """Matrix ((degree + 1)^2, (degree + 1)^2) of coefficients to those of the same polynomials about an origin `shift`
-    further along an axis."""
+    """Matrix ((degree + 1)^2, (degree + 1)^2) that moves the origin of coefficients by `shift` along an axis."""
     unit, powers = _unit_shift(degree, axis)
     data = unit.data * (shift ** np.arange(degree + 1))[powers]
     return csr_array((data, unit.indices, unit.indptr), shape=unit.shape)
 
 
 def _faces_matrix(size: Array) -> Array:
-    """(9, n, (FACE_DEGREE + 2)^2): field and gradient at the points of the faces of a cell about the origin; of the
-    gradient six entries whose squares add up to those of all nine."""
+    """Matrix (9, n, (FACE_DEGREE + 2)^2) from coefficients to flux density and gradient at points on the faces of a
+    cell. The six rows of the gradient are scaled so that their squares sum to those of its nine entries."""
     points = _on_faces(-size / 2, size, FACE_POINTS)
     gradient = gradient_matrix(FACE_DEGREE + 1, points)
     entries = [gradient[:, i, j] * (1.0 if i == j else np.sqrt(2.0)) for i, j in _SYMMETRIC]
@@ -204,7 +202,7 @@ def _faces_matrix(size: Array) -> Array:
 
 
 def _largest_sampled(on_faces: Array, difference: Array, scale: Array) -> Array:
-    """(2,) of differences (terms, cells, fields): the largest between the samples that its lower degrees can take."""
+    """Bounds (2,) on B and gradient on the faces, from the lower degrees of differences (terms, cells, fields)."""
     terms = min(on_faces.shape[-1], len(difference))
     low = difference[:terms]
     values = on_faces[..., :terms].reshape(-1, terms) @ low.reshape(terms, -1)
@@ -214,7 +212,7 @@ def _largest_sampled(on_faces: Array, difference: Array, scale: Array) -> Array:
 
 
 class _BeyondFaces:
-    """What the degrees above FACE_DEGREE of B can add in a cell of radius `radius`, by their coefficients."""
+    """Bound on the degrees of B above FACE_DEGREE in a cell of radius `radius`, from their coefficients."""
 
     def __init__(self, degree: int, radius: float) -> None:
         first = [csr_array(derivative_matrix(degree, i)) for i in range(3)]
@@ -225,7 +223,7 @@ class _BeyondFaces:
         self._radius, self._degree = radius, degree
 
     def largest(self, difference: Array, scale: Array) -> Array:
-        """(2,) of differences (terms, cells, fields)."""
+        """Bounds (2,) on B and gradient for differences (terms, cells, fields)."""
         flat = difference.reshape(len(difference), -1).copy()
         flat[: (FACE_DEGREE + 2) ** 2] = 0.0
         return np.array([self._of(order, flat, scale) for order in (0, 1)])
@@ -243,7 +241,7 @@ class _BeyondFaces:
 
 
 def between_samples(count: int, degree: int) -> float:
-    """How much larger a polynomial can be between count x count Chebyshev points than at them."""
+    """Factor by which a polynomial between count x count Chebyshev points can exceed its largest sample."""
     return float(np.cos(np.pi * degree / (2 * count)) ** -2)
 
 
@@ -253,7 +251,7 @@ def box_surface(grid: Grid, count: int) -> Array:
 
 
 def _on_faces(lower: Array, size: Array, count: int) -> Array:
-    """Points (6 count^2, 3) on the faces of a box of a size (3,) at its corner lower (3,)."""
+    """Points (6 count^2, 3) on the faces of a box with the lower corner (3,) and the edge lengths `size` (3,)."""
     t = (1 - np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))) / 2
     plane = np.stack(np.meshgrid(t, t, indexing="ij"), axis=-1).reshape(-1, 2)
     unit = np.concatenate([np.insert(plane, axis, end, axis=1) for axis in range(3) for end in (0.0, 1.0)])

@@ -1,8 +1,8 @@
-"""The fields that a map holds, and how they are kept: solutions of linear iron, trained models of saturating iron.
+"""The fields of a map, stored in its checkpoint: solutions of linear iron, and trained models of saturating iron.
 
-What was computed is kept in the checkpoint as plain arrays and always read back from there, so that a resumed run gives
-the same bits. Of the iron only what its field in the air needs is kept: the charged faces and their densities. Read
-back it knows no mesh: it does not refuse points inside the iron, which the geometry check has excluded already.
+Results are stored as plain arrays and always read back, so that a resumed run gives the same bits. Of the iron only
+the charged faces and their densities are stored, which give its field in air. Without the mesh, a solution that was
+read back does not refuse points inside the iron; the geometry check has excluded them already.
 """
 
 import itertools
@@ -38,20 +38,20 @@ from fieldmap.store.reduced_model import ARRAYS
 from fieldmap.store.stated_accuracy import HELD_OUT
 from fieldmap.typing import Array, Progress
 
-# Nodes along each edge of the box at whose surface the fields are compared: they are harmonic, so largest there.
+# Points along each edge of the box. Fields are compared on its surface, where harmonic differences are largest.
 PROBES_PER_EDGE = 7
-# Names under which a map's report states what it cost.
+# Keys in a map's report for the time that the map took, s.
 SPENT = ("generation_seconds", "generation_processor_seconds")
 _FACES = [field.name for field in fields(ChargedFaces)]
 
 REACTION, ANSWERS = "reaction", "answers to sensors"
-"""Keys in the checkpoint of the iron's reaction to magnets, and of its answers to dipoles in the places of sensors."""
+"""Keys in the checkpoint: the iron's reaction to magnets, and its response to dipoles at the sensors."""
 
 Kept: TypeAlias = tuple[Mapping[str, Array], Mapping[str, Any]]
 
 
 def kept(checkpoint: Checkpoint, key: str, make: Callable[..., Kept], *arguments: Any) -> Kept:
-    """Arrays and plain JSON of make(*arguments), unless the checkpoint has them already."""
+    """Arrays and plain JSON of a key in the checkpoint, made first by make(*arguments) if the key is missing."""
     if key not in checkpoint:
         checkpoint.put(key, *make(*arguments))
     piece = checkpoint.get(key)
@@ -69,7 +69,7 @@ def _faces_from(arrays: Mapping[str, Array]) -> tuple[ChargedFaces, Array]:
 
 
 def of_single_turns(device: Device) -> Device:
-    """The device with one turn in every coil: devices that differ in turns alone have one solution."""
+    """The device with one turn in every coil. Devices that differ only in turns share its solution."""
     return Device.unchecked(**vars(device) | {"coils": single_turns(device.coils)})
 
 
@@ -79,13 +79,12 @@ def single_turns(coils: tuple[Coil, ...]) -> tuple[Coil, ...]:
 
 
 def to_arrays(solution: LinearSolution, turns: Array) -> Kept:
-    """Arrays and a plain description of a solution of linear iron, of coils with one turn, for those with these turns
-    (c,)."""
+    """Arrays and plain JSON of a solution of linear iron, scaled from coils of one turn to coils of turns (c,)."""
     state = solution.state
     about = {"has_remanence": solution.has_remanence, "report": asdict(solution.report)}
     if state is None or solution.iron_linkage is None:
         return {}, about
-    # What no current drives has a column, but no turns.
+    # Sources without current have a column, but no turns.
     of_sources = np.append(turns, 1.0)[: len(state.density)]
     charge = of_sources[:, None] * state.density
     linkage = turns[:, None] * solution.iron_linkage * of_sources
@@ -93,7 +92,7 @@ def to_arrays(solution: LinearSolution, turns: Array) -> Kept:
 
 
 def reaction_arrays(reaction: ReactionFields | None) -> Kept:
-    """Arrays and a plain description of the iron's reaction; no arrays where there is none."""
+    """Arrays and plain JSON of the iron's reaction; empty for None."""
     if reaction is None:
         return {}, {}
     names = ("repelled", "dipoles", "asymmetry", "error", "width", "change")
@@ -101,22 +100,22 @@ def reaction_arrays(reaction: ReactionFields | None) -> Kept:
 
 
 def answers_arrays(answers: DipoleAnswers | None) -> Kept:
-    """Arrays of the iron's answers to the sensors; none where there are none."""
+    """Arrays of the iron's response to dipoles at the sensors; empty for None."""
     return ({} if answers is None else _faces_to(answers.faces, answers.charge)), {}
 
 
 def answers_from(arrays: Mapping[str, Array]) -> DipoleAnswers | None:
-    """The answers of `answers_arrays`."""
+    """The inverse of `answers_arrays`."""
     return DipoleAnswers(*_faces_from(arrays)) if arrays else None
 
 
 def reaction_from(arrays: Mapping[str, Array], about: Mapping[str, Any]) -> ReactionFields | None:
-    """The reaction of `reaction_arrays`."""
+    """The inverse of `reaction_arrays`."""
     return ReactionFields(*_faces_from(arrays), **about) if arrays else None
 
 
 def from_arrays(device: Device, arrays: Mapping[str, Array], about: Mapping[str, Any]) -> LinearSolution:
-    """The solution of `to_arrays`; KeyError or TypeError if the arrays are another solver's."""
+    """The inverse of `to_arrays`. Raises KeyError or TypeError if the arrays are from another solver."""
     report, state, linkage = SolverReport.from_dict(about["report"]), None, None
     if arrays:
         faces, density = _faces_from(arrays)
@@ -128,7 +127,7 @@ def from_arrays(device: Device, arrays: Mapping[str, Array], about: Mapping[str,
 
 
 def linkage_of(solution: LinearSolution, shared: SharedSolves) -> StoredLinkage:
-    """The flux linkages of the coils in linear iron. shared: has the inductance of single turns in air, or gets it.
+    """The flux linkages of the coils in linear iron. The inductance of single turns in air is shared by maps.
     Raises InputError for coils without a self-inductance."""
     coils = solution.coils
     single, turns = single_turns(coils), np.array([coil.turns for coil in coils])
@@ -139,15 +138,15 @@ def linkage_of(solution: LinearSolution, shared: SharedSolves) -> StoredLinkage:
 
 
 def linkage_in_air(device: Device, remanent: Array) -> StoredLinkage:
-    """The share of the flux linkages that a model of saturating iron does not have, remanent (c,) as `GalerkinModel`
-    has it. Raises InputError for coils without a self-inductance."""
+    """The part of the flux linkages that the model of saturating iron leaves out: coils in air, background, and
+    `remanent` (c,) as in `GalerkinModel`. Raises InputError for coils without a self-inductance."""
     of_background = background_linkage(device.coils, device.background)
     return StoredLinkage(bare_inductance(device.coils), remanent / MU0 + of_background)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SaturatingFields(Record):
-    """What the map evaluates: the coils' own fields per ampere, then the iron's at weight 1, then the background's."""
+    """The fields of a map: of the coils in air per ampere, then of the iron at weight 1, then of the background."""
 
     coils: tuple[Coil, ...]
     faces: ChargedFaces
@@ -156,7 +155,7 @@ class SaturatingFields(Record):
     background: Background | None = None
 
     def source_fields(self, points: Array) -> tuple[Array, Array]:
-        """Flux density (n_fields, n, 3) and gradient (n_fields, n, 3, 3) of every field outside iron and windings."""
+        """Flux density (n_fields, n, 3) and gradient (n_fields, n, 3, 3) at points outside iron and windings."""
         own = [unit_flux_density_and_gradient(coil, points) for coil in self.coils]
         iron = self.faces.field_and_gradient(points, self.charge)
         fixed = [] if self.background is None else [self.background.field_and_gradient(points)]
@@ -169,8 +168,8 @@ class SaturatingFields(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TrainedMap(Record):
-    """A trained model, the fields that go with it, their largest weights at the currents of the domain, its largest
-    error, and what training found and cost, for the map's report. remanent (c,): as `GalerkinModel` has it."""
+    """A trained model, its fields, their largest weights in the domain of the currents, its largest error, and the
+    results and the cost of training for the map's report. remanent (c,): as in `GalerkinModel`."""
 
     model: ReducedModel
     remanent: Array
@@ -181,7 +180,7 @@ class TrainedMap(Record):
 
 
 def trained_map(device: Device, arrays: Mapping[str, Array], about: Mapping[str, Any]) -> TrainedMap:
-    """What `trained_arrays` keeps."""
+    """The inverse of `trained_arrays`."""
     tried = about["states_tried"].values()
     names = "flux_density", "gradient"
     largest = about.get("current_error") or {name: max(errors[name] for errors in tried) for name in names}
@@ -214,22 +213,21 @@ def trained_arrays(
     say: Progress,
     forecast: Forecast,
 ) -> Kept:
-    """Solve the states that are not in the checkpoint yet, and train on all of them. hysteresis: along paths of the
-    currents. reaction: whether that of the iron to magnets is found, too, and kept. say: told of the assembly;
-    forecast: of all that comes after it.
+    """Solve the states that the checkpoint lacks, and train on all states. hysteresis: the states lie on paths of the
+    currents. reaction: also find the iron's reaction to magnets. `say` shows the progress of the assembly, `forecast`
+    the progress after it.
 
-    Raises NotConverged if fewer than half of the states could be solved, or none of those to try the model on; along
-    paths if any could not be solved.
+    Raises NotConverged if more than half of the states fail, or all that test the model; on paths if any state fails.
     """
     spent, points = Stopwatch(workers), box_surface(grid)
     assembled = False
 
     def assembling(message: str, share: float) -> None:
-        # The solver goes on to speak of every state that it solves.
+        # The solver would also report every state that it solves.
         if not assembled:
             say(message, share)
 
-    # An assembled solver is large: every process assembles its own, while this one does.
+    # An assembled solver is too large to send: every process assembles its own, at the same time.
     solved: SolvedPaths | SolvedStates
     if hysteresis:
         say("assembling", 0.0)
@@ -283,14 +281,14 @@ def box_surface(grid: Grid) -> Array:
 
 
 class Stopwatch:
-    """Seconds of the clock and of all processors, workers' too, since it was made, and what earlier runs took."""
+    """Wall-clock and processor seconds since construction, workers included, and those of earlier runs."""
 
     def __init__(self, workers: Workers, seconds: float = 0.0, processor_seconds: float = 0.0) -> None:
         self._workers = workers
         self._spent = np.array([seconds, processor_seconds]) - self._now()
 
     def add(self, seconds: float, processor_seconds: float) -> None:
-        """Count what another run took."""
+        """Add the seconds of another run."""
         self._spent += [seconds, processor_seconds]
 
     def read(self) -> dict[str, float]:

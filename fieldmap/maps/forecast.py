@@ -1,8 +1,8 @@
-"""What the stages of a map take, by the amounts of their work: seconds on the machine on which they were measured.
+"""Expected duration of the stages of a map, in seconds on the machine on which the factors were measured.
 
-The amounts are nodes of the iron, its matrix, states, points and modes. The run corrects the seconds by its own
-pace (`fieldmap.progress.Forecast`). The factors are from runs of `maps/workspace.toml`, with the processor seconds that
-tests/maps/test_forecast.py has for each stage, and of `maps/division_quick.toml` and `maps/eight_coils.toml`.
+It follows from the numbers of nodes of the iron, states, points and modes, and the size of the iron's matrix. A run
+corrects it by its own pace (`fieldmap.progress.Forecast`). The factors are from runs of `maps/workspace.toml`, whose
+processor seconds tests/maps/test_forecast.py states, of `maps/division_quick.toml` and of `maps/eight_coils.toml`.
 """
 
 from collections.abc import Sequence
@@ -15,44 +15,43 @@ from fieldmap.store import Grid
 from fieldmap.store.large_map import LARGE, bytes_of_numbers
 
 STAGES = ("assembling", "training", "extremes", "points", "random", "search", "modes")
-# Seconds of one state that begins at a prediction: for each node, and for each byte of the mutual potentials.
+# Seconds of one state that begins at a prediction, per node and per byte of the matrix of mutual potentials.
 _NODE, _BYTE = 1.2e-5, 5.6e-10
-# The same before the iron is assembled, as a share of the time of the assembly.
+# Duration of one state as a share of the duration of the assembly, used until the iron is assembled.
 _OF_ASSEMBLY = 0.05
-# In states: what each of the first takes beyond another; the predictions of a round; the modes of all after the last,
-# for each of them and of their images.
+# In units of one state: the extra time of each of the first states; the predictions of a round; the modes per state.
 _EACH_FIRST, _ROUND, _MODES = 1.5, 2.0, 0.11
-# In states: one at an extreme, one at random, and what follows those at extremes; the search for the worst currents;
-# what of the choice of points does not follow their number; the fields of the modes with the states that fewer modes
-# change most, and the errors on all solved states.
+# In units of one state: a state at an extreme; a state at random; the work after the extremes; the search for the worst
+# currents; the fixed part of the choice of points; the fields of the modes with the states that fewer modes change
+# most; the errors on all solved states.
 EXTREME, _RANDOM, AFTER_EXTREMES, _SEARCH, _POINTS, _FIELDS, ERRORS = 0.85, 0.5, 8.0, 12.5, 11.0, 12.0, 15.0
-# Extremes that are to be solved, where the domain has not been looked at.
+# Number of extremes assumed before the domain is known.
 _EXTREMES = 25
-# States that are expected until the errors of two rounds tell: so many with their images, but no more than this share
-# of those that a plan allows.
+# Number of states expected until the errors of two rounds are known: _STATES, images included, but no more than the
+# share _SHARE of the states that the plan allows.
 _STATES, _SHARE = 54, 0.65
-# Products in one second: of points times states times twice the square of the modes in the choice of points, and of as
-# many states of the trained model in the choice of fewer modes and points.
+# Multiplications per second, and states of the trained model in the choice of fewer modes and points. A choice takes
+# points times states times twice the square of the modes multiplications.
 _PRODUCTS, _CONDENSED = 1.4e10, 5000
-# Points of the law at each node, for second-order tetrahedra with four points each.
+# Points of the B-H law per node, for second-order tetrahedra with four points each.
 _POINTS_PER_NODE = 2.75
-# The fields of one face, and of one coil, at one point. Of each field: the differences of two polynomials in a cell;
-# the same in a large map for each of its small cells, and that of its polynomials to the numbers at a node.
+# Seconds for the field of one face, and of one coil, at one point. Then per field: compare two polynomials in a cell;
+# the same in a large map per cell of the grid; compare its polynomials with the values at a node.
 _FACE, _COIL, _CELL, _LARGE_CELL, _NUMBER = 1.2e-8, 5e-6, 7e-5, 1.6e-6, 1e-6
 WARM = 1.0
-"""Seconds of states that count as expected: the first ones load what later ones find."""
+"""Seconds of work assumed to be done at the expected pace when the states begin. The first states are slow, because
+they fill caches, and say little about the pace."""
 FIRST, AT_ONCE = 3, 4
-"""States before the first round, and in each."""
+"""States before the first round, and in each round."""
 
 
 def seconds_of_state(nodes: int, matrix_bytes: float) -> float:
-    """Of one state of iron with so many nodes and such a matrix of mutual potentials."""
+    """Seconds of one state of iron, from the number of nodes and the bytes of the matrix of mutual potentials."""
     return _NODE * nodes + _BYTE * matrix_bytes
 
 
 def expect_by_assembly(forecast: Forecast, seconds: float, states: int, held_out: int) -> None:
-    """Of a training of at most so many states, where nothing is known but the seconds that the assembly seems to
-    take."""
+    """Set the durations of a training of at most `states` states from the expected seconds of the assembly alone."""
     forecast.expect("assembling", seconds)
     each = _OF_ASSEMBLY * seconds
     forecast.expect("training", each * training(0, 0, states_expected((), (), states, 1.0, 0), 0)[1])
@@ -62,12 +61,12 @@ def expect_by_assembly(forecast: Forecast, seconds: float, states: int, held_out
 
 
 def training(solved: int, rounds: int, left: int, images: int) -> tuple[float, float]:
-    """How much of the training is done, and how much it is in all, in states.
+    """Work done and total work of the training, in units of one state.
 
     Parameters
     ----------
     solved, rounds
-        States and rounds that this run has behind it.
+        States and rounds that this run has finished.
     left
         States that are to be solved.
     images
@@ -80,7 +79,7 @@ def training(solved: int, rounds: int, left: int, images: int) -> tuple[float, f
 
 
 def expect_tried(forecast: Forecast, each: float, extremes: int, held_out: int) -> None:
-    """States to try the model on, so many of them at extremes and at random; each: seconds of one to train on."""
+    """Set the durations of the states that test the model, by their numbers. each: seconds of a training state."""
     forecast.expect("extremes", each * (EXTREME * extremes + AFTER_EXTREMES))
     forecast.expect("random", each * _RANDOM * held_out)
     forecast.expect("search", each * _SEARCH)
@@ -89,20 +88,20 @@ def expect_tried(forecast: Forecast, each: float, extremes: int, held_out: int) 
 def expect_choices(
     forecast: Forecast, each: float, nodes: int, states: int, modes: int, sampled: int
 ) -> None:
-    """The choice of sample points, and that of fewer modes and points.
+    """Set the durations of the choice of sample points, and of the choice of fewer modes and points.
 
     Parameters
     ----------
     forecast
-        Of the time.
+        Is set.
     each
         Seconds of a state.
     nodes
-        Of the iron.
+        Number of nodes of the iron.
     states
-        How many are trained on, images too.
+        Number of training states, images included.
     modes
-        How many are trained.
+        Number of trained modes.
     sampled
         Number of sample points.
     """
@@ -112,7 +111,7 @@ def expect_choices(
 
 
 def expect_fields(forecast: Forecast, grid: Grid, faces: int, fields: int) -> None:
-    """So many fields at the nodes of a map, of so many charged faces, and the certificate of the map."""
+    """Set the durations of the fields at the nodes and of the certificate, from the numbers of faces and fields."""
     cells = float(np.prod(np.array(grid.shape) - 1)) * fields
     of_cell = _NUMBER + _LARGE_CELL if bytes_of_numbers(grid, fields) > LARGE else _CELL
     point = faces * _FACE + fields * _COIL
@@ -123,7 +122,7 @@ def expect_fields(forecast: Forecast, grid: Grid, faces: int, fields: int) -> No
 def states_expected(
     shares: Sequence[float], solved: Sequence[int], most: int, accuracy: float, images: int
 ) -> int:
-    """How many states a training will take.
+    """Expected number of states of a training.
 
     Parameters
     ----------
@@ -135,15 +134,15 @@ def states_expected(
     usual = min(max(_STATES / (1 + images), FIRST + AT_ONCE), _SHARE * most)
     found = usual
     if len(shares) >= 2:
-        # Two rounds may be lucky.
+        # Errors of few rounds may be small by chance, so the usual number still counts.
         fitted = states_needed(shares, solved, most, accuracy)
         found = fitted + (usual - fitted) / len(shares)
     return max(round(found), solved[-1] if solved else 0)
 
 
 def states_needed(shares: Sequence[float], solved: Sequence[int], most: int, accuracy: float) -> int:
-    """How many states a training takes, by the largest errors of its rounds and how many states each knew: their
-    logarithms on a line."""
+    """Number of states for an accuracy, extrapolated from a line through the logarithms of the largest errors of the
+    rounds (`shares`) against the number of states trained on in each (`solved`)."""
     if len(shares) < 2:
         return max(round(_SHARE * most), solved[-1] if solved else 0)
     slope, level = np.polyfit(solved, np.log(np.maximum(shares, 1e-12)), 1)

@@ -102,11 +102,11 @@ CODE = (
     "iron",
     "maps",
 )
-# Faces of iron that is not meshed yet, about.
+# Number of charged faces assumed until the iron is meshed.
 _FACES = 10_000
 # Stages of every map, after its fields are found.
 _FILLING = ("nodes", "certificate")
-# Points of one piece of work: about as many as the nodes of a part of the file.
+# Points of one piece of work, about the number of nodes in a part of the file.
 _POINTS = 1000
 Fields: TypeAlias = LinearSolution | SaturatingFields
 Writer: TypeAlias = MapWriter | LargeMapWriter
@@ -137,40 +137,39 @@ def generate(
     Parameters
     ----------
     recipe
-        Path of a recipe file, or the name of a shipped one; or a device, with what a recipe would say: spacing, box,
-        currents, iron and reference_current. The map is the same as from a recipe with these numbers.
+        Path of a recipe file, or the name of a shipped recipe; or a device, with the arguments spacing, box, currents,
+        iron and reference_current. The map is the same as from a recipe with these numbers.
     output
-        The file to write; maps/out/NAME.h5 in the current folder unless given, with the recipe's file name or its stem.
+        The file to write; unless given maps/out/NAME.h5, with the file name in the recipe or the recipe's own stem.
     resume
-        Go on with a run that was stopped, and leave a finished map alone, if everything that decides the numbers is the
-        same; False begins anew.
+        Continue a stopped run, or keep a finished map, if the inputs that determine its numbers are the same; False
+        starts again.
     progress
-        progress(message, fraction) is called as the work goes on. None prints a bar with the time left if stderr is a
-        terminal, True prints it or plain lines wherever stderr goes, False nothing.
+        Function, called as progress(message, fraction). None prints a bar with the time left if stderr is a terminal,
+        True prints the bar or plain lines wherever stderr goes, False prints nothing.
     workers
-        How many processes of this machine solve and evaluate, 1 for this one alone. The numbers are the same bit for
-        bit, whoever computes them.
+        Number of processes of this machine, 1 for this process alone. The map is the same for any number, bit for bit.
     scheduler
-        Address of a dask scheduler whose workers do it (docs/cluster.md).
+        Address of a dask scheduler whose workers do the work (docs/cluster.md).
     spacing
-        Largest distance of nodes, one number or three, m.
+        Largest distance of neighbouring nodes, one number or three, m.
     box
         (lower, upper), m, or a WorkspaceBox.
     currents
-        (smallest, largest), A, where the iron shall saturate; as in `fieldmap.maps.recipe_for`.
+        (smallest, largest), A, for saturating iron; as in `fieldmap.maps.recipe_for`.
     iron
         Keys of [iron].
     reference_current
-        A.
+        Current of every coil at which the file states its fields, A.
     changes
-        Of the device file that a recipe names, such as {"parameters.gap": 120.0}, as `read_device` takes them.
+        Changed keys of the device file that a recipe names, such as {"parameters.gap": 120.0}: see `read_device`.
     accept_error
-        Write a map of saturating iron even if the largest error found, at any state at which its current model was
-        tried, is more than twice the accuracy that its recipe asks for. The error is then among its assumptions, and
-        opening it warns (MapAccuracyWarning). The box may then come near to iron and magnets, but not touch them.
+        Write a map of saturating iron even if the largest error at a state that tests its current model is more than
+        twice the accuracy of the recipe. The map then states the error among its assumptions, and opening it warns
+        (MapAccuracyWarning). The box may then be close to iron and magnets, but not touch them.
     large
-        Make it as a large map, whose numbers are never in memory as a whole (docs/map_file.md); unless given, where
-        these are more than half a GB.
+        Make a large map, whose numbers are never in memory as a whole (docs/map_file.md). Unless given, a map with
+        more than half a GB of numbers is made as a large one.
 
     Returns
     -------
@@ -180,16 +179,16 @@ def generate(
     Raises
     ------
     RecipeError, DeviceFileError, GeometryError
-        For a wrong recipe or device, and for a box that cuts iron or a winding, or comes too near to iron or magnets
-        for the wanted accuracy, and for a map for which the disk has no room.
+        For a wrong recipe or device, for a box that cuts iron or a winding or is too near to iron or magnets for the
+        wanted accuracy, and for a disk without enough space.
     InputError
-        For an output that cannot be written, and workers that cannot be had.
+        For an output that cannot be written, and workers that cannot be started.
     NotConverged
         If the solver fails; for saturating iron, if it fails at more than half of the states or at all that test the
         model.
     MapErrorTooLarge
-        As soon as the error is known to be larger than what is accepted: nothing is written, what was solved is kept,
-        and the same call with accept_error=True goes on.
+        As soon as the error exceeds the accepted one. No map is written, the solved states are kept, and the same call
+        with accept_error=True continues.
 
     Examples
     --------
@@ -226,7 +225,7 @@ def make_map(
     shared: SharedSolves | None = None,
     large: bool | None = None,
 ) -> Path:
-    """The map of a recipe that was read, with a device in the place of the one that it names: see `generate`.
+    """Make the map of a recipe that was read, for `device` in place of the device in the recipe: see `generate`.
 
     Parameters
     ----------
@@ -235,10 +234,9 @@ def make_map(
     output, resume, say, accept_error, large
         As for `generate`.
     workers
-        Who computes; they are started if there is something to compute.
+        Processes for the work, started only if there is work to do.
     shared
-        What maps have checked and solved in this process; this one takes it and adds to it. Of maps of saturating
-        iron only the check is shared.
+        Checks and solutions of earlier maps in this process, which this map extends; for saturating iron only checks.
 
     Returns
     -------
@@ -262,7 +260,7 @@ def make_map(
         if order.model == "hysteresis":
             require_hysteresis(device)
         info = _describe(device, grid, reference, order.title, order.text, plan is not None)
-        # Geometry checks hold the device and the box of the map together.
+        # The geometry checks take the box of the map as the workspace of the device.
         box = WorkspaceBox(grid.lower, grid.upper)
         placed = Device.unchecked(**vars(device) | {"workspace": box})
         single = of_single_turns(placed)
@@ -295,7 +293,7 @@ def make_map(
                 else:
                     _saturating(order, placed, domain, plan, writer, team, say, accept_error)
             except FieldmapError as error:
-                # No run goes on to another end where the field in the box is at fault.
+                # An empty checkpoint is no use, and with a field at fault in the box another run ends the same way.
                 if not len(checkpoint) or isinstance(error, RecipeError | MapFileError):
                     writer.discard()
                 raise
@@ -306,7 +304,7 @@ def make_map(
 def _order(
     recipe: PathLike | Device, said: dict[str, Any], changes: Mapping[str, Any] | None
 ) -> tuple[Recipe, Device]:
-    """The recipe and its device. Raises InputError for what is neither a recipe nor a device."""
+    """The recipe and its device. Raises RecipeError for arguments that do not fit."""
     if isinstance(recipe, Device):
         if "spacing" not in said:
             remedy = "give the largest distance of neighbouring nodes, m, such as spacing=4e-3"
@@ -338,8 +336,8 @@ def _linear(
     say: Progress,
     shared: SharedSolves,
 ) -> None:
-    """The map of linear iron. single: the device with one turn in every coil, whose geometry is sound; shared: what
-    maps have solved."""
+    """Make the map of linear iron. single: the device with one turn in every coil, its geometry checked; shared:
+    solutions of earlier maps."""
     forecast = Forecast(say, dict.fromkeys(("solving", *_FILLING), 0.0), workers.processes)
     grid, checkpoint = writer.info.grid, writer.checkpoint
     expect_fields(forecast, grid, _FACES, len(device.coils))
@@ -377,7 +375,7 @@ def _saturating(
     say: Progress,
     accept_error: bool,
 ) -> None:
-    """The map of iron that saturates, with hysteresis or without."""
+    """Make the map of saturating iron, with or without hysteresis."""
     forecast = Forecast(say, dict.fromkeys((*STAGES, *_FILLING), 0.0), workers.processes)
 
     def assembling(message: str, share: float) -> None:
@@ -423,9 +421,8 @@ def _fill(
     spent: Stopwatch | None = None,
     accepted: MissedAccuracy | None = None,
 ) -> None:
-    """Fields at the nodes, their error, and the file. tolerance: of the solver; about: entries of its report besides
-    the solver's; spent: what the map has taken so far; accepted: an accepted error, which its assumptions then
-    state."""
+    """Evaluate the fields at the nodes, measure their error, and write the file. tolerance: of the solver; about:
+    further entries of the report; spent: time of the map so far; accepted: an error for the assumptions to state."""
     if writer.resumed:
         forecast.note(f"resumed with {writer.resumed} of {len(writer.chunks)} parts")
     expect_fields(forecast, writer.info.grid, fields.report.surface_faces, len(largest_weights))
@@ -435,7 +432,7 @@ def _fill(
     forecast.at("certificate", "certifying the lookup against the solver")
 
     def unit_fields(points: Array) -> tuple[Array, Array]:
-        # The division depends on the points alone, so that the number of workers changes no bit.
+        # The pieces depend on the points alone, so that the number of workers changes no bit.
         parts = [points[first : first + _POINTS] for first in range(0, len(points), _POINTS)]
         pairs = workers.results(_unit_fields, parts, common)
         flux, gradient = (np.concatenate(arrays, axis=1) for arrays in zip(*pairs, strict=True))
@@ -487,7 +484,7 @@ def _fill(
 
 
 def _known_linkage(linkage: Callable[[], StoredLinkage]) -> tuple[StoredLinkage | None, str]:
-    """The flux linkages, or why there are none: some coils have no self-inductance."""
+    """The flux linkages, or None and the reason: some coils have no self-inductance."""
     try:
         return linkage(), ""
     except InputError as error:
@@ -497,7 +494,7 @@ def _known_linkage(linkage: Callable[[], StoredLinkage]) -> tuple[StoredLinkage 
 def _sensors(
     device: Device, fields: Fields, checkpoint: Checkpoint, grid: Grid, workers: Workers
 ) -> StoredSensors | None:
-    """What the map's fields and magnets in its box give in the sensors of the device."""
+    """The device's sensors: their readings of the map's fields, and the iron's response to dipoles at the sensors."""
     if not device.sensors:
         return None
     places, axes = (
@@ -510,7 +507,7 @@ def _sensors(
 
 
 def _at_nodes(of_iron: ReactionFields | DipoleAnswers, grid: Grid, workers: Workers) -> tuple[Array, Array]:
-    """Flux density and gradient of fields of the iron at the nodes, rounded as a file holds them."""
+    """Flux density and gradient of fields of the iron at the nodes, rounded to the float32 of the file."""
     chunks = [grid.points(chunk.first, chunk.last) for chunk in chunks_of(grid)]
     pairs = workers.results(_fields_of_iron, chunks, Common.of(of_iron))
     arrays = (
@@ -529,7 +526,7 @@ def _unit_fields(fields: Fields, points: Array) -> tuple[Array, Array]:
 
 
 def _fields_at_nodes(fields: Fields, nodes: tuple[Grid, Chunk]) -> tuple[Array, Array]:
-    """The fields at the nodes of a part. Of planes with many nodes only some are evaluated at a time."""
+    """The fields at the nodes of a part, evaluated at up to _POINTS nodes at a time."""
     grid, chunk = nodes
     points = grid.points(chunk.first, chunk.last)
     if len(points) <= _POINTS:
@@ -542,7 +539,7 @@ def _fields_at_nodes(fields: Fields, nodes: tuple[Grid, Chunk]) -> tuple[Array, 
 
 
 def _evaluate(fields: Common[Fields], workers: Workers, writer: Writer, forecast: Forecast) -> None:
-    """The fields at the nodes that the writer misses."""
+    """Evaluate the fields at the nodes of the missing parts, and write them."""
     total, missing, grid = len(writer.chunks), writer.missing, writer.info.grid
     done = before = total - len(missing)
 
@@ -616,7 +613,7 @@ def _target(file_name: str, output: PathLike | None) -> Path:
 
 
 def _finished(target: Path, info: MapInfo) -> Mapping[str, Any] | None:
-    """The report of the map that is there already, if it would come out the same."""
+    """The report of the map that exists already, if it was made from the same inputs; otherwise None."""
     if not target.is_file():
         return None
     try:

@@ -1,8 +1,8 @@
 """Lookups of a large map: polynomials in cells as large as its accuracy allows, made and measured a slab at a time.
 
-Between fine planes of nodes a field is far smoother than the nodes could tell. A cell of the lookup spans as many cells
-of the grid along each axis as leave its polynomial within a hundredth of the solver's tolerance of the numbers at the
-nodes in it. The largest difference at any node is measured, and stated in the map.
+A field is smooth over several spacings of a fine grid. So a cell of the lookup spans several cells of the grid along
+each axis, as long as its polynomial agrees with the values at the nodes to a hundredth of the solver's tolerance. The
+map states the largest difference at any node.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,29 +26,29 @@ from fieldmap.store.large_map import bytes_of_numbers, free_space
 from fieldmap.typing import Array
 
 STEPS = (8, 4, 2, 1)
-"""Of how many cells of the grid along each axis a cell of the lookup is; the number of cells of a large map is a
-multiple of the first."""
+"""Numbers of grid cells that a cell of the lookup may span along each axis. The number of grid cells of a large map is
+a multiple of the first."""
 SHARE = 1e-2
-"""Largest difference to the numbers at the nodes, as a share of the solver's tolerance times the largest field."""
-# Bytes of the numbers at the nodes that are in memory at a time, of each of a few arrays.
+"""Largest difference from the values at the nodes, as a share of the solver's tolerance times the largest field."""
+# Bytes of values at the nodes that are in memory at a time, in each of a few arrays.
 _AT_A_TIME = 1 << 26
-# Fewest cells along each axis whose nodes give the polynomial of the whole box.
+# Fewest cells along each axis of the grid to which the polynomial of the whole box is fitted.
 _OF_WHOLE = 12
 # Points at which the time of the coils' fields is measured.
 _TRIED = 100
 
 
 def before_the_start(device: Device, grid: Grid, fields: int, target: Path) -> str:
-    """What a large map will take, in words.
+    """Size and duration of a large map, in words.
 
     Parameters
     ----------
     device
         The device.
     grid
-        Of the map.
+        Grid of the map.
     fields
-        How many fields it will hold.
+        Number of fields of the map.
     target
         Path of the map.
 
@@ -60,7 +60,7 @@ def before_the_start(device: Device, grid: Grid, fields: int, target: Path) -> s
     Raises
     ------
     RecipeError
-        If the disk has no room for it.
+        If the disk has no room for the map.
     """
     size = bytes_of_numbers(grid, fields) + 8 * grid.size * fields * SIZE // STEPS[1] ** 3
     needed, free = size - LargeMapWriter.written(target), free_space(target)
@@ -72,7 +72,7 @@ def before_the_start(device: Device, grid: Grid, fields: int, target: Path) -> s
         raise RecipeError(AtKey("spacing_mm", must_hold, f"{free / 1e9:.1f} GB free", remedy))
     points = grid.points(0, 1)[:_TRIED]
     for coil in device.coils:
-        unit_flux_density_and_gradient(coil, points[:2])  # what is compiled first is no measure
+        unit_flux_density_and_gradient(coil, points[:2])  # compiles the kernels, which is not timed
     begin = perf_counter()
     for coil in device.coils:
         unit_flux_density_and_gradient(coil, points)
@@ -87,16 +87,16 @@ def make_cells(writer: LargeMapWriter, tolerance: float, say: Callable[[str], No
     Parameters
     ----------
     writer
-        Of the map.
+        Writer of the map.
     tolerance
-        Of the solver.
+        Tolerance of the solver.
     say
-        Told of the cells that were chosen.
+        Called with a message about the chosen cells.
 
     Returns
     -------
     tuple[int, Form]
-        Of how many cells of the grid a cell is along each axis, and the form, with its misfit at all nodes.
+        Number of grid cells that a cell spans along each axis, and the form with its misfit at all nodes.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def make_cells(writer: LargeMapWriter, tolerance: float, say: Callable[[str], No
     chosen, found = steps[0], np.full(2, np.inf)
     for step in steps:
         smaller = _Cells(writer, step).tried()
-        # Where half the size changes little, it is the numbers that are no smoother.
+        # If half the size helps little, the values at the nodes are not smooth enough for any cell.
         if (smaller > found / 2).all():
             break
         chosen, found = step, smaller
@@ -128,26 +128,26 @@ def certified(
     unit_fields: UnitFields,
     largest_weights: Array,
 ) -> tuple[LargeMap, FieldError, Mapping[str, FieldError]]:
-    """A large map without the numbers at its nodes, and how far its lookups are from the solver.
+    """A large map without the values at its nodes, and the differences between its lookups and the solver.
 
     Parameters
     ----------
     writer
-        Of the map.
+        Writer of the map.
     every, cells
-        What `make_cells` gave.
+        Results of `make_cells`.
     of_iron
         Reaction, linkages and sensors of the map, on the grid of the lookup.
     unit_fields
-        The solver.
+        Evaluates the solver's fields.
     largest_weights
-        (n_fields,), for which the bounds hold.
+        Weights (n_fields,) up to which the bounds hold.
 
     Returns
     -------
     tuple[LargeMap, FieldError, Mapping[str, FieldError]]
-        The map; the largest difference of its cells to the solver at sampled points; bounds by kind of lookup, none
-        where no polynomial holds the whole box.
+        The map; the largest difference between its cells and the solver at sampled points; bounds by kind of lookup,
+        empty if no single polynomial fits the whole box.
     """
     info, reaction = writer.info, of_iron["reaction"]
     grid, whole = info.grid.every(every), _whole_form(writer)
@@ -166,7 +166,7 @@ def certified(
 
 
 def _whole_form(writer: LargeMapWriter) -> Form | None:
-    """The polynomial of the whole box, from a part of the nodes; None where none holds it."""
+    """The polynomial of the whole box, fitted to a part of the nodes; None if it does not fit the field."""
     grid = writer.info.grid
     steps = [one for one in STEPS if all((n - 1) % one == 0 and n > _OF_WHOLE * one for n in grid.shape)]
     step = steps[0] if steps else 1
@@ -182,7 +182,7 @@ def _whole_form(writer: LargeMapWriter) -> Form | None:
 
 
 def _every(pair: tuple[Array, Array], step: int) -> tuple[Array, Array]:
-    """Flux density and gradient at every step-th node of a plane, of their own."""
+    """Copies of flux density and gradient at every step-th node of a plane."""
     flux, gradient = (values[:, ::step, ::step].copy() for values in pair)
     return flux, gradient
 
@@ -201,7 +201,7 @@ class _Cells:
         self._rows = [(first, min(first + rows, cy)) for first in range(0, cy, rows)]
 
     def make(self) -> FieldError:
-        """Write the coefficients. Their largest difference to the numbers at any node."""
+        """Write the coefficients, and return their largest difference from the values at any node."""
         cx, cy, cz = (n - 1 for n in self._grid.shape)
         size = cz * self._fields * SIZE
         start = self._fit.header(self._fields, "raise")
@@ -218,8 +218,8 @@ class _Cells:
         return FieldError(*map(float, worst))
 
     def tried(self) -> Array:
-        """(2,): largest difference to the nodes in the first, the middle and the last slab: where the field is largest
-        and least smooth, as it is on the surface of the box."""
+        """Largest difference (2,) from the values at the nodes in the first, the middle and the last slab. On the
+        surface of the box the field is largest and least smooth."""
         _, ny, nz = self._grid.shape
         none, cx, worst = np.zeros((self._fields, 2, ny, nz)), self._grid.shape[0] - 1, np.zeros(2)
         for i in {0, cx // 2, cx - 1}:
@@ -250,7 +250,7 @@ class _Cells:
         return self._fit.slab(flux, gradient, potential[:, :, first : last + 1])[0]
 
     def _difference(self, i: int, first: int, last: int, coefficients: Array) -> Array:
-        """(2,): largest difference of these polynomials to the numbers at all nodes of their cells."""
+        """Largest difference (2,) of these polynomials from the values at all nodes of their cells."""
         e, (x, y, z) = self._step, self._fine.axes
         h, lower = self._grid.spacing, self._grid.lower + self._grid.spacing * [i, first, 0]
         cells = Grid(lower, h, (2, last - first + 1, self._grid.shape[2]))

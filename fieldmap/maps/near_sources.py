@@ -1,9 +1,9 @@
-"""How near the box of a map may come to iron, magnets and wires.
+"""Least distance of the box of a map from iron, magnets and wires.
 
-At edges of the iron and on wires the field is singular, and an interpolant knows it at nodes only. In a box at the
-distance d of a pole, with nodes h apart, lookups of B are off by up to 1 % (h / d)^3 of its largest value (measured
-for h / d from 2 to 1/3, docs/recipes.md). Bodies are refused by this distance before any work. Anything else in the
-box, such as a wire without thickness, shows in the error of the finished map.
+The field is singular at edges of the iron and on wires, but an interpolant uses its values at the nodes only. In a box
+at the distance d from a pole, with nodes h apart, lookups of B have errors of up to 1 % (h / d)^3 of the largest B
+(measured for h / d from 2 to 1/3, docs/recipes.md). Bodies closer than this are refused before any work. Other sources
+in the box, such as a wire without thickness, show in the error of the finished map.
 """
 
 from collections.abc import Mapping
@@ -18,18 +18,18 @@ from fieldmap.iron.geometry.checks import distances_to_workspace
 from fieldmap.store import FieldError, Grid, MapData
 from fieldmap.store.stated_accuracy import HELD_OUT
 
-# Below this the error falls faster than it was measured to.
+# Smallest error, a share of B, for which this law was measured. Below it the error falls faster with the distance.
 _MEASURED = 3e-4
-# A map that is off by more than this share of its largest B is of no use.
+# A map with a larger error than this share of its largest B is refused.
 _USELESS = 0.1
-# Of lookups, a share of B, where a recipe asks for no accuracy: that of a box one spacing away.
+# Allowed error of lookups, a share of B, if the recipe states no accuracy: the error in a box one spacing away.
 _ALLOWED = 1e-2
 _ERROR_AT_ONE_SPACING = 1e-2
 _MILLIMETRES = 1e3
 
 
 def least_distance(spacing: float, error: float) -> float:
-    """The distance (m) at which lookups between nodes `spacing` (m) apart are off by an error, a share of B.
+    """The distance (m) at which lookups between nodes `spacing` (m) apart have an error, a share of B.
 
     >>> round(least_distance(2e-3, 1e-3), 5)
     0.00431
@@ -47,10 +47,10 @@ def require_distance(device: Device, grid: Grid, accuracy: float | None, accept_
     grid
         Nodes in the box.
     accuracy
-        `currents.accuracy` of a recipe of saturating iron, a share of B: lookups may be off by `HELD_OUT` times as
-        much, as its states. None for linear iron: lookups may be off by 1 %.
+        `currents.accuracy` of a recipe of saturating iron, a share of B. The error of lookups may be `HELD_OUT` times
+        this, like the error at tested states. None for linear iron, with an error of up to 1 %.
     accept_error
-        Whether any distance will do. A box that touches a body is refused all the same.
+        Accept any distance. A box that touches a body is refused anyway.
 
     Raises
     ------
@@ -81,19 +81,19 @@ def require_distance(device: Device, grid: Grid, accuracy: float | None, accept_
 
 
 def require_use(largest: float, error: FieldError, bounds: Mapping[str, FieldError]) -> None:
-    """Refuse a finished map whose lookups are off by a tenth of its field.
+    """Refuse a finished map with an error of lookups above a tenth of its field.
 
     Parameters
     ----------
     largest
-        Largest sum of its fields' B at a node, T: `largest_field`.
+        Largest B of the map, T: `largest_field`.
     error, bounds
-        Its measured error, and those certified.
+        Measured error, and certified bounds.
 
     Raises
     ------
     RecipeError
-        For such an error, and for one that is not finite.
+        For such an error, and for an error or a bound that is not finite.
     """
     numbers = [value for one in (error, *bounds.values()) for value in (one.flux_density, one.gradient)]
     if np.isfinite(numbers).all() and error.flux_density <= _USELESS * largest:

@@ -211,8 +211,7 @@ class CurrentRanges(Record):
     ] = None
 
     def domain(self, coil_names: tuple[str, ...]) -> CurrentDomain:
-        """The domain of the currents of a device with these coils. Raises RecipeError where the ranges are not those of
-        its coils."""
+        """The domain of the currents of a device with these coils. Raises RecipeError if the ranges do not fit."""
         coils = len(coil_names)
         if self.lift_and_directions is not None:
             if coils != 6:
@@ -297,8 +296,8 @@ class Recipe(Record):
     What map to make, in SI. device: as written, path or shipped name. spacing (3,) in m, an upper limit. lower, upper
     (3,) in m, or None for the device's workspace. mu_r: None for the initial slope of the device's B-H table.
     refinement: divides the device's mesh sizes. model: of the iron. reaction: whether the map holds the iron's reaction
-    to magnets. reference_current: A, or None for the usual one. file_name: of the map. path and text: the file as read.
-    currents: the domain and the training where the iron saturates, None where it is linear.
+    to magnets. reference_current: A, or None for the default. file_name: of the map. path and text: the file as read.
+    currents: the domain and the training for saturating iron, None for linear iron.
     """
 
     path: Path
@@ -332,11 +331,11 @@ class Recipe(Record):
         key
             The key.
         must_hold
-            What must hold there.
+            Requirement at the key.
         received
-            What stands there.
+            Value at the key.
         remedy
-            What to do.
+            Remedy.
 
         Returns
         -------
@@ -346,7 +345,7 @@ class Recipe(Record):
         return RecipeError(self.document.problem(key, must_hold, received, remedy))
 
     def box(self, device: Device) -> Bounds | None:
-        """The box of the map: the recipe's, or that around the device's workspace.
+        """The box of the map: from the recipe, or else around the device's workspace.
 
         Parameters
         ----------
@@ -356,7 +355,7 @@ class Recipe(Record):
         Returns
         -------
         Bounds | None
-            Lower and upper corner (3,), m; None where there is none.
+            Lower and upper corner (3,), m; None if neither states one.
         """
         return device.bounds if self.lower is None or self.upper is None else (self.lower, self.upper)
 
@@ -396,7 +395,7 @@ class RecipeFile(_RECIPE):
         return self
 
     def also_makes(self) -> Mapping[str, Any]:
-        """What the tables state, in SI."""
+        """Attributes of the `Recipe` from the tables, in SI units."""
         iron, output = record_of(self.iron), record_of(self.output)
         corners = (None, None) if self.box is None else record_of(self.box).bounds
         plan = None if self.currents is None else record_of(self.currents, tolerance=iron.tolerance)
@@ -458,7 +457,7 @@ def recipe_for(
     iron
         Keys of [iron], such as {"refinement": 0.7}.
     reference_current
-        A.
+        Current of every coil at which the file states its fields, A.
 
     Raises
     ------
@@ -507,9 +506,9 @@ def _recipe(document: Document, contents: Any) -> Recipe:
 
 
 def read_recipe_device(recipe: Recipe, changes: Mapping[str, Any] | None = None) -> Device:
-    """The device that a recipe names: beside the recipe, or a shipped one; changes of keys as `read_device` takes them.
+    """The device that a recipe names: a file relative to the recipe, or a shipped device. changes: see `read_device`.
 
-    Raises RecipeError if there is none, and DeviceFileError if its file is wrong.
+    Raises RecipeError if there is no such device, and DeviceFileError if its file is wrong.
     """
     beside = recipe.path.parent / recipe.device
     if is_file(beside):
@@ -545,7 +544,7 @@ def choose_grid(box: Bounds | None, spacing: Array, multiple: int = 1) -> Grid:
     Parameters
     ----------
     box
-        Corners (3,) and (3,), m; None where there is none.
+        Corners (3,) and (3,), m; None is refused.
     spacing
         Largest distance (3,) of neighbouring nodes, m. The grid's distance is this or less, so that whole cells fill
         the box.
@@ -555,7 +554,7 @@ def choose_grid(box: Bounds | None, spacing: Array, multiple: int = 1) -> Grid:
     Raises
     ------
     RecipeError
-        For no box, and for too few nodes.
+        If the box is None, or there are too few nodes.
     """
     if box is None:
         must_hold, remedy = "a box, since the device has no workspace", "add [box] with lower_mm and upper_mm"

@@ -1,6 +1,6 @@
 """Independent pieces of work, done in this process, in several of this machine, or on a cluster.
 
-Depends on: errors, arguments, threads, threadpoolctl; dask.distributed where there is more than one process.
+Depends on: errors, arguments, threads, threadpoolctl; dask.distributed for more than one process.
 """
 
 from fieldmap.parallel.work import (

@@ -1,4 +1,4 @@
-"""Other processes, by dask: a scheduler of our own on this machine, or one that is there already."""
+"""Work in other processes by dask, with our own scheduler on this machine or an existing one."""
 
 import itertools
 import logging
@@ -26,33 +26,33 @@ from fieldmap.parallel.work import Common, Outcome, SchedulerLost, WorkerDied, a
 from fieldmap.threads import use_threads
 
 R = TypeVar("R")
-# Pieces of work under way for each process: enough for so many seconds, since a cluster of dask that adapts starts
-# processes until what was submitted takes five; at least and at most so many. At least so many in all: a cluster may
-# have no process before it has work.
+# Pieces of work submitted ahead, per process: enough for this many seconds, within the two limits. An adaptive cluster
+# of dask starts processes until the submitted work takes five seconds.
 _SECONDS_AHEAD, _LEAST_AHEAD, _MOST_AHEAD = 10.0, 2, 100
+# Least number of submitted pieces in all: an adaptive cluster may have no process before it has work.
 _LEAST_UNDER_WAY = 16
-# Processes are counted again after so many seconds, and ours that are gone for good are replaced.
+# Time after which processes are counted again, and time between replacements of our processes that died.
 _COUNTED_FOR_SECONDS = 1.0
 _SCALED_EVERY_MILLISECONDS = 2000
-# Work that waits for a first process says so this often: a cluster that adapts begins without one.
+# Time between warnings that the work waits for a first process: an adaptive cluster begins without one.
 _NO_PROCESS_TOLD_EVERY_MILLISECONDS = 60_000
 _LOG = logging.getLogger("fieldmap.parallel")
-# A scheduler that is there answers sooner.
+# Limit for the connection to a scheduler. A running scheduler answers sooner.
 _ANSWERS_WITHIN_SECONDS = 20
-# Kernels have one set of threads per process: pieces of work take turns there, whatever number a worker accepts.
+# Kernels have one set of threads per process, so pieces of work take turns, even if a worker accepts several.
 _TURN = threading.Lock()
-# Processor time that this process took to make what is common; its next piece of work counts it.
+# Processor time of this process for making a `Common`. The next piece of work includes it.
 _UNCOUNTED: list[float] = []
 
 
 class Pool:
-    """A client of the scheduler, and our own cluster where there is one."""
+    """A client of the scheduler, and our own cluster unless the scheduler is an existing one."""
 
     def __init__(self, count: int, scheduler: str | None) -> None:
         self._cluster: distributed.LocalCluster | None = None
         self._threads: int | None = None
-        # Futures of what was sent once. Dask computes them anew where a worker takes the last copy with it, and drops
-        # them with this client.
+        # Futures of objects that were sent. Dask recomputes a future when the last worker that holds it dies, and drops
+        # the futures with this client.
         self._sent: WeakKeyDictionary[Common[Any], distributed.Future] = WeakKeyDictionary()
         self._counted, self._processes = -math.inf, 0
         if scheduler is None:
@@ -64,34 +64,34 @@ class Pool:
             except BaseException:
                 self._cluster.close()
                 raise
-            # Dask replaces a process that dies, but gives up one that dies while it starts. To scale opens it again.
+            # Dask replaces a process that dies, but not one that dies while it starts. `scale` starts that one again.
             self._again = PeriodicCallback(partial(self._cluster.scale, count), _SCALED_EVERY_MILLISECONDS)
             self._client.loop.add_callback(self._again.start)  # type: ignore[union-attr]
         else:
             self._client = _client_of(scheduler)
 
     def close(self) -> None:
-        """Withdraw what is not done, and end our own processes."""
+        """Cancel unfinished work, and end our own processes."""
         if self._cluster is not None:
             self._client.loop.add_callback(self._again.stop)  # type: ignore[union-attr]
-        # Dask would print a traceback where the scheduler is gone.
+        # Dask would print a traceback if the scheduler has ended.
         with distributed.utils.silence_logging_cmgr(logging.CRITICAL):
             self._client.close()
         if self._cluster is not None:
             self._cluster.close()
 
     def prepare(self, common: Common[Any]) -> None:
-        """Begin to make `common` in every process that is there now."""
+        """Begin to make `common` in every present process."""
         sent = self._send(common)
         for address in self._client.nthreads():
             made = self._client.submit(_make, sent, self._threads, workers=[address], pure=False)
             distributed.fire_and_forget(made)
 
     def _send(self, common: Common[Any]) -> distributed.Future:
-        """A result of dask: a piece of work that names it gets it from another process that has it. To scatter it
-        would do so too, but could not replace it where the processes that have it die."""
+        """A future of `common`, which processes copy from each other. Unlike scattered data, dask can recompute it when
+        the processes that hold it die."""
         if common not in self._sent:
-            # It is as large as it is, and travels once.
+            # The object travels once, so dask need not warn of its size.
             with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
                 self._sent[common] = self._client.submit(_itself, common, pure=False)
         return self._sent[common]
@@ -99,7 +99,7 @@ class Pool:
     def map(
         self, function: Callable[..., R], items: Sequence[Any], common: Common[Any] | None
     ) -> Iterator[Outcome[R]]:
-        """Outcomes, as they come."""
+        """Outcomes in the order in which they are done."""
         told = PeriodicCallback(self._tell_of_no_process, _NO_PROCESS_TOLD_EVERY_MILLISECONDS)
         loop = self._client.loop
         loop.add_callback(told.start)  # type: ignore[union-attr]
@@ -150,7 +150,7 @@ class Pool:
                     suspects.append(index)
                     continue
                 yield outcome
-            # A piece also dies with a process that another one killed: each gets one to itself.
+            # A piece may also have died with a process that another piece killed, so each is tried again alone.
             for index in suspects:
                 future = begun(index, items[index])
                 outcome = _outcome(future, index)
@@ -161,13 +161,13 @@ class Pool:
                 self._client.cancel(list(under_way))
 
     def _room(self, seconds: float | None) -> int:
-        """Pieces that may be under way, where one takes so many seconds; None where no one knows."""
+        """Number of pieces to submit ahead. seconds: mean duration of a piece; None if not known."""
         ahead = 0.0 if seconds is None else _SECONDS_AHEAD / max(seconds, 1e-9)
         each = min(max(_LEAST_AHEAD, math.ceil(ahead)), _MOST_AHEAD)
         return max(_LEAST_UNDER_WAY, each * self.processes())
 
     def processes(self) -> int:
-        """How many there are, counted a moment ago."""
+        """Number of processes, at most `_COUNTED_FOR_SECONDS` old."""
         if monotonic() - self._counted > _COUNTED_FOR_SECONDS:
             self._counted, self._processes = monotonic(), len(self._client.nthreads())
         return self._processes
@@ -177,8 +177,8 @@ class Pool:
 def _without_interrupt() -> Iterator[None]:
     """Ctrl-C has no effect in the block, nor in the processes that begin in it.
 
-    A terminal sends it to all of them: the first process ends the others, which say nothing about it. A cluster that
-    was interrupted while it starts would be left half started.
+    A terminal sends Ctrl-C to all processes. Only the first process handles it, and ends the others. An interrupt
+    during the start would leave a half-started cluster.
     """
     main = threading.current_thread() is threading.main_thread()
     before = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
@@ -190,7 +190,7 @@ def _without_interrupt() -> Iterator[None]:
 
 
 def dask_setup(_: distributed.Worker) -> None:
-    """What dask calls in a process of ours: one that takes the place of a dead one begins outside the block."""
+    """Called by dask in each of our processes. A process that replaces a dead one begins outside the block above."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
@@ -198,9 +198,9 @@ def _cluster_of(count: int) -> distributed.LocalCluster:
     return distributed.LocalCluster(
         n_workers=count,
         threads_per_worker=1,
-        # No web page; what dask opens in its place takes any port, where its own one could be taken.
+        # No web page. Dask still opens a server, which takes any free port instead of its fixed one.
         scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
-        # States of the iron may take what memory there is.
+        # States of the iron may take all of the memory.
         memory_limit=0,
         silence_logs=logging.CRITICAL,
         preload=[__name__],
@@ -208,9 +208,9 @@ def _cluster_of(count: int) -> distributed.LocalCluster:
 
 
 def _outcome(future: distributed.Future, index: int) -> Outcome[Any]:
-    """What a piece came to; waits for its end. Raises CancelledError where the scheduler is gone."""
+    """The outcome of a piece, after its end. Raises CancelledError if the scheduler has ended."""
     error = future.exception()
-    # A future that is cancelled has no exception, but its result is one.
+    # `exception` of a cancelled future is None, but `result` raises CancelledError.
     return future.result() if error is None else Outcome(index, None, _died(error))
 
 
@@ -221,7 +221,7 @@ def _itself(common: Common[Any]) -> Common[Any]:
 def _work(
     index: int, function: Callable[..., Any], common: Common[Any] | None, item: Any, threads: int | None
 ) -> Outcome[Any]:
-    """One item, in the process that got it."""
+    """Do one item in a worker process."""
     with _TURN:
         _set_threads(threads)
         outcome = attempt(index, _with_common, function, common, item)
@@ -241,7 +241,7 @@ def _make(common: Common[Any], threads: int | None) -> None:
 
 
 def _set_threads(threads: int | None) -> None:
-    """As many as we have for each of our own processes, or as a worker of somebody else's scheduler was given."""
+    """Set the threads of the kernels: `threads` in our own processes; None for the number of a foreign dask worker."""
     wanted = distributed.get_worker().state.nthreads if threads is None else threads
     use_threads(wanted)
 
@@ -258,7 +258,7 @@ def _client_of(scheduler: str) -> distributed.Client:
 
 
 def _client(**where: str) -> distributed.Client:
-    """Not the default of the process: one that does not connect would be left behind as the default."""
+    """A client that is not the default of the process: a failed connection would leave its client as the default."""
     return distributed.Client(**where, timeout=_ANSWERS_WITHIN_SECONDS, set_as_default=False)
 
 

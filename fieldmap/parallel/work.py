@@ -1,6 +1,6 @@
-"""One piece of work: the arithmetic that it is done in, what it shares with the others, and how it ends.
+"""One piece of work: its arithmetic, the objects that it shares with other pieces, and its outcome.
 
-Whoever computes, the last bits are the same: linear algebra sums in an order that does not follow the number of cores.
+Results are the same in all processes, to the last bit: the order of sums is independent of the number of cores.
 """
 
 import itertools
@@ -24,24 +24,24 @@ from fieldmap.threads import thread_count, use_threads
 
 @contextmanager
 def same_arithmetic() -> Iterator[None]:
-    """Linear algebra in one thread: a BLAS divides its sums by the number of its threads, and so rounds otherwise.
+    """Linear algebra in one thread: the rounding of a BLAS depends on its number of threads.
 
-    Our own kernels keep theirs: each of their threads has its own rows of the result, in whatever number. A state of
-    the drive unit takes no longer for it (docs/cluster.md).
+    Our own kernels keep their threads, because each thread has its own rows of the result. A state of the drive unit
+    takes no longer with this limit (docs/cluster.md).
     """
     with _thread_pools().limit(limits=1, user_api="blas"):
         yield
 
 
-# The modules that were loaded when the thread pools were looked for, and what was found.
+# The modules that were loaded at the last search for thread pools, and its result.
 _FOUND: "tuple[tuple[str, ...], ThreadpoolController] | None" = None
 
 
 def _thread_pools() -> ThreadpoolController:
-    """The BLAS and OpenMP libraries that are loaded now. To look through all libraries takes a hundred times as long as
-    to limit those found; a further one comes with a module that needs it."""
+    """The BLAS and OpenMP libraries that are loaded now. A search takes a hundred times as long as a limit, so it is
+    repeated only after new modules were imported, which may have loaded further libraries."""
     global _FOUND
-    # Before the look: what is loaded meanwhile is looked for next time.
+    # Listed before the search: modules imported during it cause another search.
     modules = tuple(sys.modules)
     if _FOUND is None or _FOUND[0] != modules:
         _FOUND = (modules, ThreadpoolController())
@@ -49,14 +49,14 @@ def _thread_pools() -> ThreadpoolController:
 
 
 T = TypeVar("T")
-# The one that this process made last. A worker outlives a piece of work, so it must not keep them all.
+# The last object that this process made. A worker lives longer than a piece of work and must not keep all objects.
 _CACHED: "dict[str, Any]" = {}
 
 
 class Common(Generic[T]):
-    """`make(*arguments)`, made where and when it is first asked for, then cached.
+    """`make(*arguments)`, made in each process at its first use, then cached.
 
-    What travels to a worker is `make` and `arguments`, which must be picklable; what they make need not be.
+    `make` and `arguments` travel to a worker and must be picklable; the object that they make need not be.
     """
 
     def __init__(self, make: Callable[..., T], *arguments: Any) -> None:
@@ -65,38 +65,38 @@ class Common(Generic[T]):
 
     @classmethod
     def of(cls, value: T) -> "Common[T]":
-        """Something that can travel itself.
+        """A common object that travels itself.
 
         Parameters
         ----------
         value
-            It.
+            The object, which must be picklable.
 
         Returns
         -------
         'Common[T]'
-            It, as a common thing.
+            The common object.
         """
         return cls(_itself, value)
 
     def use(self, made: T) -> T:
-        """Take what this process has made already, in its own way.
+        """Use an object that this process has made already.
 
         Parameters
         ----------
         made
-            It.
+            The object.
 
         Returns
         -------
         T
-            It.
+            The object.
         """
         self._made = made
         return made
 
     def here(self) -> T:
-        """This process's own."""
+        """The object of this process, made at the first call."""
         if self._made is None:
             if self._key not in _CACHED:
                 _CACHED.clear()
@@ -125,8 +125,8 @@ class SchedulerLost(FieldmapError):  # noqa: N818 - reads as what happened
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Outcome(Record, Generic[R]):
-    """index: of the item; value: what the function returned, or error: what it raised; seconds of the clock and of the
-    processors that it took."""
+    """Outcome of one item. index: of the item; value: result of the function, or error: its exception; seconds,
+    processor_seconds: wall-clock and processor time."""
 
     index: int
     value: R | None
@@ -135,14 +135,14 @@ class Outcome(Record, Generic[R]):
     processor_seconds: float = 0.0
 
     def result(self) -> R:
-        """The value; raises the error where there is one."""
+        """The value. Raises the error if there is one."""
         if self.error is not None:
             raise self.error
         return self.value  # type: ignore[return-value]
 
     @property
     def reason(self) -> str:
-        """Why there is no value, in words; "" where there is one."""
+        """The error in words; "" if there is a value."""
         if self.error is None:
             return ""
         if isinstance(self.error, FieldmapError):
@@ -151,7 +151,7 @@ class Outcome(Record, Generic[R]):
 
 
 def attempt(index: int, function: Callable[..., R], *arguments: Any) -> Outcome[R]:
-    """Call the function; an error becomes part of the outcome, unless it is an interruption."""
+    """Call the function. An exception, except an interrupt, becomes part of the outcome."""
     with same_arithmetic():
         return _attempt(index, function, arguments, process_time)
 
@@ -161,8 +161,8 @@ def in_threads(
 ) -> Iterator[Outcome[R]]:
     """function(*shared, item) for every item, in threads of this process.
 
-    Kernels use one thread in each of them. One thread is the caller's own: to hand each item to another and
-    wait for it takes longer than a small one.
+    Kernels use one thread in each of them. With `count` 1 the calling thread does the work, because handing over a
+    small item takes longer than the item.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ def in_threads(
     items
         The items.
     count
-        How many threads.
+        Number of threads.
     *shared
         First arguments of every call.
 
@@ -193,7 +193,7 @@ def in_threads(
         try:
             while under_way:
                 outcome = under_way.popleft().result()
-                # Not all at once: whoever stops early must not wait for the others.
+                # Submitted one by one: a caller that stops early must not wait for the remaining items.
                 under_way.extend(itertools.islice(tasks, 1))
                 yield outcome
         finally:
@@ -210,19 +210,19 @@ def _in_this_thread(
         try:
             outcome = _attempt(index, function, (*shared, item), thread_time)
         finally:
-            # Whoever takes the outcome has all of its threads again.
+            # The consumer of the outcome may use all threads again.
             use_threads(threads)
         yield outcome
 
 
 def threads_of_kernels() -> int:
-    """How many threads may call kernels at the same time: the processors of this process, or what
-    `fieldmap.threads.use_threads` has left of them."""
+    """Number of threads that may call kernels at the same time: the processors of this process, or the limit set by
+    `fieldmap.threads.use_threads`."""
     return thread_count()
 
 
 def results_of(function: Callable[..., R], items: Sequence[Any]) -> Iterator[R]:
-    """function(item) of every item, in as many threads as may call kernels.
+    """function(item) of every item, in `threads_of_kernels()` threads.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def results_of(function: Callable[..., R], items: Sequence[Any]) -> Iterator[R]:
 
 
 def threads_of_linear_algebra() -> int:
-    """How many threads BLAS and LAPACK take for one product, here and now."""
+    """Number of threads that BLAS and LAPACK now use for one product."""
     return max(
         (pool["num_threads"] for pool in _thread_pools().info() if pool["user_api"] == "blas"), default=1
     )
@@ -255,7 +255,7 @@ def _attempt(
         value = function(*arguments)
     except Exception as error:
         if not isinstance(error, FieldmapError):
-            # Tracebacks do not travel between processes; where to look for the mistake should.
+            # Tracebacks do not travel between processes, but notes do.
             error.add_note(traceback.format_exc())
         failed = error
     return Outcome(index, value, failed, monotonic() - begin, clock() - processor)

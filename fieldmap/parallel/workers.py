@@ -1,4 +1,4 @@
-"""One way to do many independent pieces of work, wherever they are done."""
+"""One interface for many independent pieces of work, in this process or in others."""
 
 from collections.abc import Callable, Iterator, Sequence
 from types import TracebackType
@@ -13,13 +13,12 @@ _REMEDY = 'install it: pip install "fieldmap[cluster]"'
 
 
 class Workers:
-    """Who does the work: this process (count 1), `count` processes of this machine, or those of a dask scheduler.
+    """Processes that do the work: this one (count 1), `count` processes of this machine, or those of a dask scheduler.
 
-    A context manager; processes are started on entering and ended on leaving, however that happens, those of a
-    `scheduler` ("tcp://host:port", or the path of its scheduler file) excepted: only what they still had to do for us
-    is withdrawn. A script that starts processes must begin them below `if __name__ == "__main__":`, as always in
-    Python. Raises InputError for arguments that make no sense, where dask.distributed is not installed, or where no
-    scheduler answers.
+    A context manager: it starts the processes on entering and ends them on leaving. The processes of a `scheduler`
+    ("tcp://host:port", or the path of its scheduler file) keep running; only our unfinished work is cancelled. A script
+    that starts processes must begin them below `if __name__ == "__main__":`. Raises InputError for arguments that do
+    not fit, if dask.distributed is not installed, or if no scheduler answers.
 
     >>> with Workers() as workers:
     ...     for outcome in workers.map(abs, [-3, 4]):
@@ -68,21 +67,21 @@ class Workers:
         return self._count == 1 and self._scheduler is None
 
     def processes(self) -> int:
-        """How many processes do the work now; of a dask scheduler, as many as have joined it."""
+        """Number of processes that do the work now; for a dask scheduler the processes that have joined it."""
         return 1 if self._pool is None else self._pool.processes()
 
     @property
     def processor_seconds(self) -> float:
-        """Spent in other processes so far, on what they finished."""
+        """Processor time of finished pieces of work in other processes, s."""
         return self._processor_seconds
 
     def prepare(self, common: Common[Any]) -> None:
-        """Let other processes make what they need for a `map` to come, while this one does something else.
+        """Let other processes make an object for a later `map`, while this process does something else.
 
         Parameters
         ----------
         common
-            What they need.
+            The object.
         """
         if self._pool is not None:
             self._pool.prepare(common)
@@ -94,13 +93,12 @@ class Workers:
         common: Common[Any] | None = None,
         threads: bool = False,
     ) -> Iterator[Outcome[R]]:
-        """function(item), or function(common.here(), item), for every item: one outcome each, as they are
-        done.
+        """function(item), or function(common.here(), item), for every item: one outcome each, as they are done.
 
-        In this process they come in the order of the items, elsewhere in any. An item whose process dies is
-        given to another one, as if nothing had happened; if that happens to it four times, it is tried again
-        when all else is done, alone, and then its outcome is an error. Where other processes do the work,
-        function, items and results must be picklable: a function of a module, not a lambda.
+        In this process the outcomes are in the order of the items, from other processes in any order. An item whose
+        process dies is given to another process. After four deaths the item is tried again, alone, when all others are
+        done; if that fails too, its outcome is an error. For other processes, function, items and results must be
+        picklable: a function of a module, not a lambda.
 
         Parameters
         ----------
@@ -109,9 +107,9 @@ class Workers:
         items
             The items.
         common
-            What every call needs, and each process makes once.
+            Object that every call needs, and that each process makes once.
         threads
-            Whether several items are done at a time here; the function must allow it.
+            Whether this process does several items at a time; the function must allow it.
 
         Yields
         ------
@@ -136,7 +134,7 @@ class Workers:
     def results(
         self, function: Callable[..., R], items: Sequence[Any], common: Common[Any] | None = None
     ) -> list[R]:
-        """What `map` gives, in the order of the items; the first error that is met is raised.
+        """Results of `map` in the order of the items. Raises the first error that occurs.
 
         Parameters
         ----------

@@ -2,7 +2,7 @@
 
 from fieldmap.extras import needs
 
-# As in fieldmap.iron: told here for all modules.
+# As in fieldmap.iron: without scipy, this import raises one error for all modules.
 with needs("make", "fieldmap.planar"):
     import scipy
 

@@ -17,7 +17,7 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BoundaryOperator(Record):
-    """What boundary values (n,) at nodes mean for the harmonic function in a domain.
+    """Flux and energy of the harmonic function in a domain, from its boundary values (n,) at nodes.
 
     panels (m, 2): node pairs with the domain on the left; starts, ends (m,): the same as points. flux (m, n): outward
     normal derivative on each panel. energy (n, n): v.energy.v is the integral of |grad v|^2, symmetric.

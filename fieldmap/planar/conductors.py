@@ -13,7 +13,7 @@ _POINTS = 12
 
 
 def complex_points(points: Array) -> Complex:
-    """(n, 2) of (x, z) as x + i z."""
+    """Points (n, 2) of (x, z) as complex numbers x + i z."""
     return points[:, 0] + 1j * points[:, 1]
 
 

@@ -17,8 +17,8 @@ Complex = NDArray[np.complex128]
 
 
 def inside(points: Complex, polygon: Complex) -> NDArray[np.bool_]:
-    """Whether points (n,) lie in a simple polygon: a ray to the right meets it an odd number of times. On its edges
-    either side."""
+    """Whether points (n,) lie in a simple polygon: a ray to the right meets it an odd number of times. Points on an
+    edge may fall on either side."""
     ends = np.roll(polygon, -1)
     above = polygon.imag[None, :] > points.imag[:, None]
     point, edge = np.nonzero(above != np.roll(above, -1, axis=1))

@@ -22,7 +22,7 @@ Complex = NDArray[np.complex128]
 Indices = NDArray[np.int64]
 _POINTS = 8
 _BARRIER_MU_R = 1e-9
-"""Stands for mu -> 0; the field that it lets in is this small."""
+"""Relative permeability of a flux barrier, in place of 0; the field that it lets in is this small."""
 _PANELS_ACROSS = 60.0
 
 
@@ -40,8 +40,8 @@ def solve_planar(
     size
         Longest panel of iron and walls, m; a sixtieth of the device's extent unless given.
     mu_r
-        Relative permeability of all soft iron in the place of the file's own; saturating materials otherwise
-        have their initial one.
+        Relative permeability of all soft iron. None: the file's own, and the initial one of saturating
+        materials.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def solve_planar(
     GeometryError
         Where bodies, wires and walls do not fit together.
     InputError
-        For arguments that do not fit.
+        For arguments out of range, and for permanent magnets.
 
     Examples
     --------
@@ -82,7 +82,7 @@ def solve_planar(
 
 
 def panel_size(device: PlanarDevice, size: float | None) -> float:
-    """The size asked for, or the usual one, m."""
+    """Longest panel, m: the given size, or the default."""
     if size is not None:
         check_positive("solve_planar", size=size)
         return float(size)
@@ -91,7 +91,7 @@ def panel_size(device: PlanarDevice, size: float | None) -> float:
 
 
 def permeabilities(device: PlanarDevice, mu_r: float | None) -> tuple[Array, tuple[str, ...]]:
-    """Relative permeability of each body, and what is assumed about it, one sentence each."""
+    """Relative permeability of each body, and the assumptions about it, one sentence each."""
     if mu_r is not None:
         check_positive("solve_planar", mu_r=mu_r)
     used, notes = [], set()
@@ -119,7 +119,7 @@ def planar_report(
     notes: Sequence[str],
     residuals: tuple[float, ...] = (),
 ) -> PlanarReport:
-    """Of a solution whose computation started at this time of the process; notes: what is assumed about the iron."""
+    """The report of a solution. started: process time at the start, s; notes: assumptions about the iron."""
     panels, boundary = sum(len(body) for body in outline.bodies), "open space"
     if device.walls is not None:
         (x1, z1), (x2, z2) = 1e3 * device.walls.min(axis=0), 1e3 * device.walls.max(axis=0)
@@ -129,7 +129,7 @@ def planar_report(
 
 
 def air_operator(outline: Outline) -> BoundaryOperator:
-    """The operator of the air, whose nodes are those of the iron and then of the walls."""
+    """The operator of the air; its nodes are the iron's, then the walls'."""
     ring = len(outline.nodes) + np.arange(len(outline.wall))
     wall = np.column_stack([ring, np.roll(ring, -1)])
     nodes = np.concatenate([outline.nodes, outline.wall])
@@ -145,7 +145,7 @@ def _reaction(
     permeability: Array,
     wall_values: Array,
 ) -> Array:
-    """Vector potential (nodes, coils) that the iron adds at its nodes, per ampere: docs/theory/planar.md (16)."""
+    """Vector potential (nodes, coils) of the reaction at the iron's nodes, per ampere: docs/theory/planar.md (16)."""
     count = len(outline.nodes)
     right = -air.energy[:count, count:] @ wall_values
     matrix = air.energy[:count, :count].copy()

@@ -38,7 +38,7 @@ class Outline(Record):
 
 
 def make_outline(device: PlanarDevice, size: float, grading: int = GRADING) -> Outline:
-    """Panels no longer than `size`, m, graded towards corners; grading 1 is none.
+    """Panels no longer than `size`, m, graded towards corners; with grading 1 they are equal.
 
     Edges along which two bodies touch have the same panels on both sides.
     """
@@ -72,7 +72,7 @@ class _Register:
 
 
 def _panels(polygon: Complex, corners: Complex, size: float, grading: int, register: _Register) -> Indices:
-    """Node pairs of one body, split where corners of others lie on its edges."""
+    """Node pairs of one body; its edges are split at the corners of other bodies on them."""
     numbers: list[int] = []
     for k in range(len(polygon)):
         stops = _split(polygon[k], polygon[(k + 1) % len(polygon)], corners, register.tolerance)
@@ -194,7 +194,7 @@ def _smoothed(points: Complex, triangles: Indices, fixed: int) -> Complex:
 
 
 def _require_edges(triangles: Indices, ring: Complex) -> None:
-    """Every edge of the ring is an edge of a triangle that lies on its left."""
+    """Raise GeometryError unless every edge of the ring is an edge of a triangle on its left."""
     count = len(ring)
     have = {(int(t[i]), int(t[(i + 1) % 3])) for t in triangles for i in range(3)}
     lost = [k for k in range(count) if (k, (k + 1) % count) not in have]

@@ -92,5 +92,5 @@ class PlanarDevice(Record):
 
     @property
     def coil_names(self) -> tuple[str, ...]:
-        """Names in current order."""
+        """Names of the coils, in the order of the currents."""
         return tuple(coil.name for coil in self.coils)

@@ -124,9 +124,9 @@ _MOST_HALVINGS = 40
 class Balance(Record):
     """Energy of iron and air in terms of the total vector potential u (n,) at the points of the triangles, T m.
 
-    The first m points are the outline's nodes. air: its operator; stiffness (m, m): that operator between the nodes;
-    load (m,): what conductors and walls add; coil (m,): the conductors' own potential at the nodes; wall (k,): the
-    reaction at the walls' nodes.
+    The first m points are the outline's nodes. air: operator of the air; stiffness (m, m): its energy matrix at the
+    nodes; load (m,): linear terms of conductors and walls; coil (m,): the conductors' own potential at the nodes; wall
+    (k,): the reaction at the walls' nodes.
     """
 
     iron: IronTriangles
@@ -151,7 +151,7 @@ class Balance(Record):
 
 
 def minimise(balance: Balance, tolerance: float) -> tuple[Array, tuple[float, ...]]:
-    """Potential (n,) at the minimum, and the residuals of the steps relative to that of no reaction at all."""
+    """Potential (n,) at the minimum, and the residuals of the steps, relative to the drive of conductors and walls."""
     u = np.zeros(len(balance.iron.points))
     scale = float(np.linalg.norm(balance.load) + np.linalg.norm(balance.stiffness @ balance.coil)) or 1.0
     residuals = []
@@ -193,7 +193,7 @@ def _solve(stiffness: Array, second: csc_array, right: Array) -> Array:
 class PlanarState(solution.PlanarFieldAtCurrents):
     """Saturating iron at fixed currents (n_coils,), A.
 
-    reaction: what iron and walls add to the conductors' vector potential, at the nodes of the air's operator, T m.
+    reaction: vector potential of iron and walls, without the conductors', at the nodes of the air's operator, T m.
     iron and potential: the triangles and the total vector potential at their points.
     """
 
@@ -209,7 +209,7 @@ class PlanarState(solution.PlanarFieldAtCurrents):
         Parameters
         ----------
         currents
-            Its currents (n_coils,), A.
+            The state's currents (n_coils,), A.
 
         Returns
         -------
@@ -219,7 +219,7 @@ class PlanarState(solution.PlanarFieldAtCurrents):
         Raises
         ------
         InputError
-            For other currents than its own.
+            For other currents.
         """
         same = np.array_equal(solution.planar_currents(self.device, currents), self.currents)
         own = f"{self.currents.tolist()} A"
@@ -234,17 +234,17 @@ class PlanarState(solution.PlanarFieldAtCurrents):
         points
             Positions (n, 2) of (x, z), m.
         currents
-            May be given again, as for linear iron.
+            None, or the state's own currents, as for linear iron.
 
         Returns
         -------
         Complex
-            (3, n), T, T/m and T/m^2.
+            Derivatives (3, n), T, T/m and T/m^2.
 
         Raises
         ------
         InputError
-            For other currents than its own, and for points in iron, in conductors or outside the walls.
+            For currents other than the state's, and for points in iron, in conductors or outside the walls.
         """
         if currents is not None:
             self.at(currents)
@@ -278,7 +278,7 @@ class PlanarState(solution.PlanarFieldAtCurrents):
         return np.column_stack([middle.real, middle.imag]), np.column_stack([-gradient.imag, gradient.real])
 
 
-# Gentler than the linear model's: triangles have to follow it.
+# Grading of the panels, gentler than in the linear model, because the triangles have to match the panels.
 _GRADING = 2
 
 
@@ -294,12 +294,12 @@ def solve_planar_state(
     device
         The device.
     currents
-        (n_coils,), A.
+        Currents (n_coils,), A.
     size
         Longest panel of iron and walls, and largest triangle inside the iron, m; a sixtieth of the device's
         extent unless given.
     tolerance
-        Of the residual, relative to that of a field without iron's response.
+        Tolerance of the residual, relative to its size without the iron's response.
 
     Returns
     -------
@@ -311,7 +311,7 @@ def solve_planar_state(
     GeometryError
         Where parts do not fit together or the iron is thinner than its panels are long.
     InputError
-        For arguments that do not fit, and for flux barriers or magnets.
+        For arguments out of range, and for flux barriers or magnets.
     NotConverged
         With the residuals.
 
@@ -341,7 +341,7 @@ def solve_planar_state(
     return PlanarState(device, amperes, balance.air, reaction, iron, potential, report)
 
 
-# States of one device at several currents follow one another. A device never changes, and is known by its identity.
+# Kept for states of one device at several currents, one after the other. The key is the object: a device never changes.
 @lru_cache(maxsize=1)
 def _meshed(device: PlanarDevice, size: float) -> tuple[Outline, IronTriangles, BoundaryOperator]:
     """Outline, triangles of the iron, and operator of the air at a size, m."""

@@ -24,7 +24,7 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True, repr=False)
 class PlanarReport(Record):
-    """What a solution cost and rests on: panels on iron and walls, unknowns, seconds of this process, assumptions.
+    """Cost and assumptions of a solution: panels on iron and walls, unknowns, seconds of this process, assumptions.
 
     residuals: of Newton's steps, relative; empty where the iron is linear.
     """
@@ -46,7 +46,7 @@ class PlanarFieldAtCurrents(Record, ABC):
 
     @property
     def coil_names(self) -> tuple[str, ...]:
-        """Names in current order."""
+        """Names of the coils, in the order of the currents."""
         return self.device.coil_names
 
     @abstractmethod
@@ -61,7 +61,7 @@ class PlanarFieldAtCurrents(Record, ABC):
         Returns
         -------
         Complex
-            (3, n), T, T/m and T/m^2.
+            Derivatives (3, n), T, T/m and T/m^2.
 
         Raises
         ------
@@ -133,7 +133,7 @@ class PlanarSolution(Record):
 
     @property
     def coil_names(self) -> tuple[str, ...]:
-        """Names in current order."""
+        """Names of the coils, in the order of the currents."""
         return self.device.coil_names
 
     def at(self, currents: Currents) -> LinearPlanarState:
@@ -148,7 +148,7 @@ class PlanarSolution(Record):
         Returns
         -------
         LinearPlanarState
-            The field of points alone.
+            The field as a function of points.
 
         Raises
         ------
@@ -217,7 +217,7 @@ class PlanarSolution(Record):
         Returns
         -------
         Complex
-            (3, n), T, T/m and T/m^2.
+            Derivatives (3, n), T, T/m and T/m^2.
 
         Raises
         ------
@@ -248,17 +248,17 @@ class LinearPlanarState(PlanarFieldAtCurrents):
 
 
 def as_field(f: Complex) -> Array:
-    """(n, 2) of (B_x, B_z) from f = B_x - i B_z."""
+    """Field (n, 2) of (B_x, B_z) from f = B_x - i B_z."""
     return np.column_stack([f.real, -f.imag])
 
 
 def as_gradient(slope: Complex) -> Array:
-    """(n, 2, 2), G[i, j] = dB_i/dx_j, from f'."""
+    """Gradient (n, 2, 2), G[i, j] = dB_i/dx_j, from f'."""
     return np.stack([slope.real, -slope.imag, -slope.imag, -slope.real], axis=-1).reshape(-1, 2, 2)
 
 
 def field_places(device: PlanarDevice, points: ArrayLike) -> Complex:
-    """Points (n, 2) as complex numbers; InputError for those in a conductor or outside the walls."""
+    """Points (n, 2) as complex numbers. Raises InputError for points in a conductor or outside the walls."""
     array = check_signal("planar field(points)", points, 2).reshape(-1, 2)
     places = complex_points(array)
     for coil in device.coils:
@@ -275,7 +275,7 @@ def field_places(device: PlanarDevice, points: ArrayLike) -> Complex:
 
 
 def planar_currents(device: PlanarDevice, currents: Currents) -> Array:
-    """A copy of the currents (n_coils,) in A; InputError for those that do not fit the coils."""
+    """A copy of the currents (n_coils,) in A. Raises InputError for currents that do not fit the coils."""
     return np.array(coil_currents(currents, device.coil_names))
 
 

@@ -1,4 +1,4 @@
-"""Where the horizontal force on a lifted vertical dipole vanishes: all such points of a window, at one height."""
+"""All points of a window, at one height, where the horizontal force on a lifted vertical dipole vanishes."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def stationary_points(
     lower, upper
         Ends of the window, x, m.
     samples
-        How many steps.
+        Number of steps.
 
     Returns
     -------

@@ -1,12 +1,12 @@
 """Pictures of devices and maps, and figures that are given as data.
 
-Depends on: device, levitation (forces), iron (meshes of bodies that are no simple shape), interop; pyvista and
+Depends on: device, levitation (forces), iron (meshes of bodies without a simple shape), interop; pyvista and
 matplotlib, which no other package imports.
 """
 
 from fieldmap.extras import needs
 
-# Every module of this package draws: a library that is missing is told of here, for all of them.
+# Every module of this package draws, so a missing library is reported here for all of them.
 with needs("plot", "pictures"):
     import matplotlib
     import PIL

@@ -1,5 +1,5 @@
-"""A recorded run: its path with the body in space, and as a moving picture the machine with its currents, the body
-from near, and a time stamp. Lengths in mm."""
+"""Pictures of a recorded run: the path with the body in space, and an animation of the machine with its currents, the
+body from near, and the time. Lengths in mm."""
 
 import textwrap
 from collections.abc import Callable, Iterator
@@ -27,11 +27,11 @@ from fieldmap.typing import Array, Index, PathLike
 TIME = "time, s"
 _SMOOTH: dict[str, Any] = {"smooth_shading": True, "split_sharp_edges": True}
 _POINTS = 2000
-"""Of the path that is drawn."""
+"""Largest number of points of the drawn path."""
 
 
 def body_parts(run: ShownRun) -> list[tuple[pv.PolyData, dict[str, Any]]]:
-    """What the body looks like, about the origin, upright, mm, and how it is drawn."""
+    """Surfaces of the body about the origin, upright, mm, with their options for add_mesh."""
     parts: list[tuple[pv.PolyData, dict[str, Any]]] = []
     payload = run.device.payload
     surface = None if payload is None else solids.payload_surface(payload)
@@ -44,12 +44,12 @@ def body_parts(run: ShownRun) -> list[tuple[pv.PolyData, dict[str, Any]]]:
 
 
 def path_samples(run: ShownRun) -> Index:
-    """Samples of which the drawn path consists."""
+    """Samples of the drawn path."""
     return np.unique(np.linspace(0, len(run.time) - 1, min(_POINTS, len(run.time))).astype(np.int64))
 
 
 def add_path(scene: pv.Plotter, shown: Shown, _: str) -> None:
-    """The path, coloured by time, the path that was asked for, and the magnet at the end as an outline."""
+    """The path coloured by time, the reference path, and the outline of the magnet at the end."""
     run = shown.run
     assert run is not None
     samples = path_samples(run)
@@ -62,7 +62,7 @@ def add_path(scene: pv.Plotter, shown: Shown, _: str) -> None:
 
 
 def outline(surface: pv.PolyData) -> pv.PolyData:
-    """Its edges: what stands in the way of nothing. Of a sphere three circles."""
+    """Edges of a surface, which hide nothing behind them; three circles for a sphere."""
     edges = solids.sharp_edges(surface)
     if edges.n_points:
         return edges
@@ -81,7 +81,7 @@ def save_animation(
     frames: int | None = None,
     window: tuple[int, int] = WINDOW,
 ) -> Path:
-    """Write a run as .gif or .mp4 of ten seconds at most; a longer run goes faster, and the picture says how much.
+    """Write a run as .gif or .mp4 of ten seconds at most; a longer run is shown faster, with the factor in the picture.
 
     Parameters
     ----------
@@ -90,11 +90,11 @@ def save_animation(
     path
         Ends in .gif or .mp4.
     progress
-        Called with a word and the share of the pictures that are drawn.
+        Called with a word and the share of drawn frames.
     frames
-        How many pictures; twelve a second unless given.
+        Number of frames; twelve per second by default.
     window
-        Their size, pixels; for .mp4 multiples of 16.
+        Size of a frame, pixels; for .mp4 multiples of 16.
 
     Returns
     -------
@@ -131,7 +131,7 @@ def _write_gif(path: Path, pictures: Iterator[Any], per_second: float, _: tuple[
 def _write_mp4(
     ffmpeg: Any, path: Path, pictures: Iterator[Any], per_second: float, window: tuple[int, int]
 ) -> None:
-    # yuv420p is what browsers and players take.
+    # Browsers and players need yuv420p.
     encoder = ffmpeg.write_frames(
         str(path), window, fps=per_second, codec="libx264", pix_fmt_out="yuv420p", quality=7
     )
@@ -162,7 +162,7 @@ def _pictures(
 
 
 def _build(scene: pv.Plotter, run: ShownRun, speed: float) -> Callable[[int], None]:
-    """Draw everything once, and return what moves it to a sample."""
+    """Draw everything once, and return a function that moves it to a sample."""
     scene.subplot(0, 0)
     coils = _add_machine(scene, run)
     bodies = [scene.add_mesh(surface, **look) for surface, look in body_parts(run)]
@@ -173,7 +173,7 @@ def _build(scene: pv.Plotter, run: ShownRun, speed: float) -> Callable[[int], No
     scene.subplot(0, 1)
     samples, points = path_samples(run), MM * run.position[path_samples(run)]
     trail = _add_near(scene, run, points)
-    # The path lies inside the body, so that is an outline here.
+    # The body is an outline here, because it would hide the path.
     magnet, look = body_parts(run)[0]
     bodies.append(scene.add_mesh(outline(magnet), color=look["color"], line_width=2, lighting=False))
 
@@ -182,7 +182,7 @@ def _build(scene: pv.Plotter, run: ShownRun, speed: float) -> Callable[[int], No
             surface[CURRENT] = np.full(surface.n_points, current)
         for actor in bodies:
             actor.user_matrix = run.pose(k)
-        # What is still to come lies in one point.
+        # Later points of the path coincide with the present one.
         trail.points = np.where((samples <= k)[:, None], points, MM * run.position[k])
         scene.subplot(0, 1)
         add_words(scene, _stamp(run, k), (0.03, 0.97), _FONT, name="stamp")
@@ -198,7 +198,7 @@ def _stamp(run: ShownRun, k: int) -> str:
 
 
 def _add_machine(scene: pv.Plotter, run: ShownRun) -> list[pv.PolyData]:
-    """Iron, workspace, and the coils with their current as colour; returns the coils."""
+    """Draw iron, workspace, and coils with their current as colour. Returns the coils."""
     for body in run.device.bodies:
         scene.add_mesh(solids.body_surface(run.device, body), color=IRON, ambient=0.35, **_SMOOTH)
     if run.device.workspace is not None:
@@ -219,7 +219,7 @@ def _add_machine(scene: pv.Plotter, run: ShownRun) -> list[pv.PolyData]:
 
 
 def _add_near(scene: pv.Plotter, run: ShownRun, points: Array) -> pv.PolyData:
-    """The path that was asked for, rulers round all places of the magnet, and the path so far, which is returned."""
+    """Draw the reference path, rulers around all positions of the magnet, and the path so far, which is returned."""
     reach = solids.extent(body_parts(run)[0][0]).T
     room = (points.min(axis=0) + reach[0]) / MM, (points.max(axis=0) + reach[1]) / MM
     scene.add_mesh(solids.box_edges(room), color=INK, line_width=1, opacity=0.25)

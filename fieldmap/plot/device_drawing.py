@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from vtkmodules.vtkRenderingCore import vtkBillboardTextActor3D
 
 from fieldmap.device.model import Device, Workspace
-from fieldmap.device.payload import Payload, SoftBody
+from fieldmap.device.payload import Magnet, Payload, SoftBody
 from fieldmap.field import (
     AnyField,
     Bounds,
@@ -34,11 +34,13 @@ SENSOR = "#2b9d5a"
 FLUX: Final = "B, mT"
 NAME_SIZE = 30
 VIEW: Final = (0.42, -1.0, 0.27)
-"""Towards the viewer, who stands in front (-y), a little to the right and above."""
-# The opacity of what hides more than this share of the workspace.
+"""Direction towards the viewer, who stands in front (-y), a little to the right and above."""
+# Opacity of a solid in front of the workspace, and the share of the workspace that a solid must hide for it.
 _TRANSLUCENT, _HIDDEN = 0.25, 0.1
 # The arrow of a field sensor, of the largest length of the machine.
 _SENSOR_LENGTH = 0.09
+# The arrow of a moment, at the least, of the shortest side of the workspace: that of a small bead is seen.
+_MOMENT_LENGTH = 0.4
 # Arrows of B along a slice, their length over their distance, and how far before it they lie, mm.
 _ARROWS, _ARROW_LENGTH, _BEFORE = 7, 0.62, 0.3
 
@@ -58,13 +60,13 @@ def device_scene(
     directions: bool = True,
 ) -> pv.Plotter:
     """Draw coils with their names and the sense of their current, iron, field sensors as arrows along their axes, the
-    workspace box and, if given, B on slices of a field, as colour and direction. What stands between the viewer and the
-    workspace is translucent.
+    workspace box and, if given, B on slices of a field, as colour and direction. Solids between the viewer and the
+    workspace are translucent.
 
     Parameters
     ----------
     device
-        What is drawn; lengths in the scene are millimetres.
+        The device; lengths in the scene are millimetres.
     field
         Any field with a box.
     currents
@@ -76,7 +78,7 @@ def device_scene(
     axes
         Whether there are rulers, in mm.
     plotter
-        What is drawn into; a new off-screen one unless given.
+        Plotter to draw into; by default a new one, off-screen.
     window_size
         Of a new plotter, pixels.
     iron_opacity, coil_opacity
@@ -110,7 +112,7 @@ def device_scene(
     flowing = coil_currents(1.0 if currents is None else currents, of)
     by_name = dict(zip(of, flowing, strict=True))
     for coil in device.coils:
-        # A map may have been made of other coils than those of the device that is drawn with it.
+        # A map may have other coils than the device that is drawn with it.
         ampere = by_name.get(coil.name, 1.0)
         surface = solids.winding_surface(coil)
         _add_solid(scene, surface, COPPER, _seen_through(surface, device.workspace, coil_opacity))
@@ -138,7 +140,11 @@ def device_scene(
     if names:
         _add_names(scene, device)
     if magnet_at is not None and device.payload is not None:
-        add_payload(scene, device.payload, MM * np.asarray(magnet_at, dtype=float))
+        space = (
+            0.0 if device.workspace is None else MM * float(np.subtract(*device.workspace.bounds[::-1]).min())
+        )
+        place = MM * np.asarray(magnet_at, dtype=float)
+        add_payload(scene, device.payload, place, shortest=_MOMENT_LENGTH * space)
     if axes:
         add_rulers(scene)
     scene.enable_anti_aliasing("ssaa")
@@ -146,7 +152,7 @@ def device_scene(
 
 
 def _seen_through(surface: pv.PolyData, space: Workspace | None, opacity: float) -> float:
-    """The opacity of a solid: little where it stands before much of the workspace."""
+    """The opacity of a solid: low if it hides much of the workspace."""
     if space is None:
         return opacity
     room = solids.extent(solids.workspace_outline(space))
@@ -178,17 +184,17 @@ def _add_solid(scene: pv.Plotter, surface: pv.DataSet, colour: str, opacity: flo
 def _add_names(scene: pv.Plotter, device: Device) -> None:
     """Names of the coils on their windings; the windings in front hide those behind."""
     for coil in device.coils:
-        # Labels at points are drawn over everything, or nowhere.
+        # Point labels of pyvista would be drawn over everything or not at all.
         text = vtkBillboardTextActor3D()
         text.SetInput(coil.name)
-        # Before the winding and what juts out over it, in a view where that moves nothing.
+        # In front of the winding and its surroundings; the parallel projection does not shift the text.
         before = 0.25 * float(np.ptp(solids.extent(solids.winding_surface(coil)), axis=1).max())
         text.SetPosition(*(solids.name_place(coil, VIEW) + before * np.array(VIEW)))
         text.GetTextProperty().SetFontSize(NAME_SIZE)
         text.GetTextProperty().SetBold(True)
         text.GetTextProperty().SetJustificationToCentered()
         text.GetTextProperty().SetVerticalJustificationToCentered()
-        # On copper in both schemes.
+        # Black in both schemes, because the text is on copper.
         text.GetTextProperty().SetColor(0.0, 0.0, 0.0)
         scene.add_actor(text, pickable=False, reset_camera=False)  # type: ignore[arg-type]
 
@@ -208,16 +214,16 @@ def add_planes(
 
 
 def add_directions(scene: pv.Plotter, field: FieldAtCurrents, box: Bounds) -> None:
-    """Arrows along B, all of one length, before the slices x = middle and y = middle of a box."""
+    """Arrows along B, all of one length, in front of the slices x = middle and y = middle of a box."""
     size = np.subtract(box[1], box[0])
     step = float(size.max()) / _ARROWS
     counts = np.maximum(2, np.rint(size / step)).astype(int)
     slices = [plane_of(box, normal, None, tuple(np.delete(counts, k))) for k, normal in enumerate("xy")]
-    # One row stands where the slices cross: once is enough.
+    # The slices share one row of points.
     points = np.unique(np.vstack([places for places, _ in slices]).round(12), axis=0)
     before = points + 1e-3 * _BEFORE * np.sign(VIEW) * [1.0, 1.0, 0.0]
     flux = field.field(points)
-    # Where there is no field, without currents, there is no arrow to be seen.
+    # Zero field, as without currents, gives no visible arrow.
     even = flux / np.maximum(np.linalg.norm(flux, axis=1, keepdims=True), np.finfo(float).tiny)
     scene.add_mesh(arrows_at(before, even, _ARROW_LENGTH * MM * step), color="white", lighting=False)
 
@@ -231,15 +237,33 @@ def arrows_at(places: Array, vectors: Array, longest: float) -> pv.PolyData:
     return cloud.glyph(orient="direction", scale="size", factor=factor, geom=slender)
 
 
-def add_payload(scene: pv.Plotter, payload: Payload, at: Array) -> None:
-    """The payload's magnet with its centre at (3,), mm, and an arrow along its moment; or its pieces, upright."""
+def add_payload(scene: pv.Plotter, payload: Payload, at: Array, shortest: float = 0.0) -> None:
+    """The payload's magnet, or its pieces, upright about (3,), mm, and an arrow along the moment of each magnet, on the
+    face towards which it points: as long as the magnet's longest side, or `shortest`, mm."""
     for piece in payload.pieces:
         surface = solids.piece_surface(piece).translate(at, inplace=False)
-        _add_solid(scene, surface, IRON if isinstance(piece.shape, SoftBody) else MAGNET)
+        if isinstance(piece.shape, SoftBody):
+            _add_solid(scene, surface, IRON)
+            continue
+        _add_solid(scene, surface, MAGNET)
+        along = np.asarray(piece.placement.rotation, dtype=float)[:, 2]
+        _add_moment(scene, piece.shape, at + MM * np.asarray(piece.placement.position), along, shortest)
     shape = solids.magnet_surface(payload.magnet)
-    if shape is None:
-        return
-    half, along = 0.5 * (shape.bounds[5] - shape.bounds[4]), np.sign(payload.moment_vector)
-    _add_solid(scene, shape.translate(at, inplace=False), MAGNET)
-    arrow = pv.Arrow(start=at + half * along, direction=along, scale=2.0 * half, shaft_radius=0.06)
-    scene.add_mesh(arrow, color=MAGNET)
+    if shape is not None and payload.magnet is not None:
+        _add_solid(scene, shape.translate(at, inplace=False), MAGNET)
+        _add_moment(scene, payload.magnet, at, np.sign(payload.moment_vector), shortest)
+
+
+def _add_moment(scene: pv.Plotter, magnet: Magnet, at: Array, along: Array, shortest: float) -> None:
+    surface = solids.magnet_surface(magnet)
+    assert surface is not None
+    sides = np.ptp(solids.extent(surface), axis=1)
+    arrow = pv.Arrow(
+        start=at + 0.5 * sides[2] * along,
+        direction=along,
+        scale=max(float(sides.max()), shortest),
+        tip_length=0.35,
+        tip_radius=0.14,
+        shaft_radius=0.06,
+    )
+    scene.add_mesh(arrow, color=MAGNET, ambient=0.4)

@@ -1,4 +1,4 @@
-"""B in a box and in iron: slices, surfaces of equal value, differences, lines, elements. Lengths in mm."""
+"""B in a box and in iron: slices, isosurfaces, differences, field lines, elements. Lengths in mm."""
 
 from collections.abc import Callable
 
@@ -18,7 +18,7 @@ from fieldmap.typing import Array
 POINTS = 25
 
 
-# Quantity -> title for the colour bar with its unit, and (n,) in that unit of what is shown at points.
+# Quantity -> title of the colour bar with unit, and function that returns the values (n,) at points in that unit.
 QUANTITIES: dict[str, tuple[str, Callable[[Shown, Array], Array]]] = {
     "B": (FLUX, lambda shown, points: MM * np.linalg.norm(shown.flux_density_at(points), axis=1)),
     "Bz": ("Bz, mT", lambda shown, points: MM * shown.flux_density_at(points)[:, 2]),
@@ -30,7 +30,7 @@ QUANTITIES: dict[str, tuple[str, Callable[[Shown, Array], Array]]] = {
 
 
 def add_slices(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
-    """Slices through the middle of the box and its floor, with a colour bar; on those of B, arrows along it."""
+    """Slices through the middle of the box and on its floor, with a colour bar; for B with arrows of its direction."""
     planes, title = sampled(plane_grids(shown.box), shown, quantity)
     add_planes(scene, planes, title)
     if quantity == "B":
@@ -38,7 +38,7 @@ def add_slices(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
 
 
 def add_difference(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
-    """Slices of a field that is the difference of two, in the unit that gives readable numbers."""
+    """Slices of the difference of two fields, in a unit with readable numbers."""
     planes, title = sampled(plane_grids(shown.box), shown, quantity)
     largest = max(float(np.abs(plane[title]).max()) for plane in planes)
     name, unit = title.split(", m", 1)
@@ -50,7 +50,7 @@ def add_difference(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
 
 
 def add_surfaces(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
-    """Surfaces of equal value at the labels of the colour bar and half-way between them."""
+    """Isosurfaces at the labels of the colour bar and half-way between them."""
     (box,), title = sampled([box_grid(shown.box, (POINTS,) * 3)], shown, quantity)
     settings = colour_bar(title, box[title])
     count = 2 * settings["scalar_bar_args"]["n_labels"] - 1
@@ -70,13 +70,13 @@ def sampled(grids: list[pv.ImageData], shown: Shown, quantity: str) -> tuple[lis
 
 _GRID_POINTS, _SEEDS = 48, (5, 5)
 _RANGE = 1e4
-"""Of the colours, at most: the far ends of a few lines would take most of them."""
+"""Largest ratio of the limits of the colours; the far ends of a few lines would otherwise take most of them."""
 
 
 def add_field_lines(scene: pv.Plotter, shown: Shown, _: str) -> None:
     """Lines through the middle of the box, in it (a map) or around the whole device (a solution)."""
     lines = field_lines(shown)
-    # From air to iron the flux density grows a thousandfold.
+    # In iron the flux density is a thousand times larger than in air.
     by_decades = colour_bar_by_decades if shown.everywhere else colour_bar
     low, high = np.percentile(lines[FLUX], [10.0, 98.0])
     settings = by_decades(FLUX, [max(low, high / _RANGE), high])
@@ -85,7 +85,7 @@ def add_field_lines(scene: pv.Plotter, shown: Shown, _: str) -> None:
 
 
 def field_lines(shown: Shown) -> pv.PolyData:
-    """Lines in mm with |B| in mT. The field is sampled on a grid, between whose points it is taken as linear."""
+    """Lines in mm with |B| in mT, in a field that is sampled on a grid and interpolated linearly."""
     box = _around(shown)
     size = box[1] - box[0]
     grid = box_grid(box, np.maximum(8, np.ceil(_GRID_POINTS * size / size.max())).astype(int))
@@ -118,7 +118,7 @@ IRON_FLUX = "B in iron, T"
 
 
 def iron_elements(shown: Shown) -> pv.UnstructuredGrid:
-    """Tetrahedra in mm with |B| in T as cell data, if the solution is there."""
+    """Tetrahedra in mm, with |B| in T as cell data if there is a solution."""
     assert shown.mesh is not None
     grid = pv.UnstructuredGrid({pv.CellType.TETRA: shown.mesh.tets}, MM * shown.mesh.points)
     if shown.flux_density is not None:

@@ -15,14 +15,14 @@ from fieldmap.curves import Curves, Series, message_of
 from fieldmap.plot.style import COLOURS, QUIET, add_heading, grouped, new_figure, save_figure
 from fieldmap.typing import Array, PathLike
 
-# What is not ours lies on top, and through its gaps ours is seen.
+# Lines that are not ours are on top and have gaps, through which ours show.
 _LINES: dict[str, dict[str, Any]] = {
     "ours": {"linestyle": "-", "linewidth": 1.6, "zorder": 2.0},
     "published": {"linestyle": "--", "linewidth": 2.2, "zorder": 3.0},
     "measured": {"linestyle": "-.", "linewidth": 2.2, "zorder": 3.0},
     "asked": {"linestyle": "-", "linewidth": 0.9, "zorder": 1.5},
 }
-# Hollow, so that ours shows through where both agree; heavy, so that a single cross is seen upon lines.
+# Hollow markers, so that ours shows through; heavy ones, so that a single cross is visible on lines.
 _MARKS: dict[str, dict[str, Any]] = {
     "ours": {"marker": "o"},
     "published": {"marker": "s", "markersize": 9, "markerfacecolor": "none"},
@@ -35,9 +35,9 @@ _MANY = 5
 _APART, _MOSTLY = 0.01, 0.9
 """Lines that are closer than this share of the figure's height, over this share of their points, hide each other."""
 _SAME = 1e-3
-"""Lines that are nowhere further apart than this share of the figure's height are said to be the same."""
-# Of direct labels: size, height over it, how far from the right edge a line may end (share of the width), and
-# characters that leave room for the lines. Of so few none is moved off the end of its line by more than two heights.
+"""Lines whose largest distance is below this share of the figure's height are labelled as the same."""
+# Direct labels: font size; line spacing over it; largest distance of the end of a line from the right edge, as a share
+# of the width; and largest number of characters.
 _LABEL_SIZE, _SPACING, _SHORT, _LONGEST = 8, 1.35, 0.12, 26
 
 
@@ -47,9 +47,9 @@ def save_curves(curves: Curves, path: PathLike) -> Path:
     Parameters
     ----------
     curves
-        What is drawn.
+        The figure as data.
     path
-        Of the file, in a folder that is there.
+        Path of the file, in an existing folder.
 
     Returns
     -------
@@ -60,30 +60,30 @@ def save_curves(curves: Curves, path: PathLike) -> Path:
 
 
 def curves_figure(curves: Curves) -> Figure:
-    """One figure, in the style of all."""
+    """One figure, in the style of the package."""
     with new_figure() as figure:
         draw_curves(figure.add_subplot(), curves)
     return figure
 
 
 def draw_curves(axes: Axes, curves: Curves) -> None:
-    """Draw into axes: colour by the name of a series, style by whose it is.
+    """Draw into axes: colour by the name of a series, style by its kind.
 
-    Above stands what the figure says, if its data say anything, and its title. Lines are named at their right ends
-    where the names fit there, otherwise in a legend; those that coincide are said to be the same.
+    The heading is the message of the data, if there is one, and the title. Lines are named at their right ends if the
+    names fit, otherwise in a legend; lines that coincide are labelled as the same.
     """
     names = list(dict.fromkeys(series.name for series in curves.series if series.kind != "asked"))
     for k, series in enumerate(curves.series):
         style = _MARK | _MARKS[series.kind] if series.points else _LINES[series.kind]
         if any(_covers(series, below, curves) for below in curves.series[:k]):
-            # With gaps, through which the line below shows.
+            # The line below shows through the gaps.
             style = style | {"linestyle": (0, (4.0, 4.0)), "zorder": style["zorder"] + 0.5}
         asked = series.kind == "asked"
         colour = _ASKED if asked else COLOURS[names.index(series.name) % len(COLOURS)]
         axes.plot(series.x, series.y, color=colour, **style)
     axes.set(xlabel=curves.x_label, ylabel=curves.y_label, yscale="log" if curves.log_y else "linear")
     if curves.equal:
-        # By wider limits, not a smaller frame: a legend beside the frame keeps its place.
+        # Wider limits, not a smaller frame, so that a legend beside the frame keeps its place.
         axes.set_aspect("equal", adjustable="datalim")
     add_heading(axes, curves.message or message_of(curves), curves.title)
     axes.grid(True)
@@ -93,7 +93,7 @@ def draw_curves(axes: Axes, curves: Curves) -> None:
 
 
 def _apart(one: Series, other: Series, curves: Curves) -> Array | None:
-    """How far two lines over the same x are apart (n,), as shares of the figure's height; None of others."""
+    """Distances (n,) of two lines over the same x, as shares of the figure's height; None for other lines."""
     if one.points or other.points or one.x.shape != other.x.shape or not np.allclose(one.x, other.x):
         return None
     height = np.ptp(np.concatenate([line.y[np.isfinite(line.y)] for line in curves.series]))
@@ -103,20 +103,20 @@ def _apart(one: Series, other: Series, curves: Curves) -> Array | None:
 def _covers(series: Series, below: Series, curves: Curves) -> bool:
     """Whether a line would hide one of another name that was drawn before it."""
     apart = None if below.name == series.name else _apart(series, below, curves)
-    # Where lines are steep, a little aside is far apart.
+    # Not all points need to be close: steep lines differ much in y for a small shift in x.
     return apart is not None and bool(np.mean(apart < _APART) > _MOSTLY)
 
 
 def _same(one: Series, other: Series, curves: Curves) -> bool:
-    """Whether two lines are one to the eye."""
+    """Whether two lines cannot be distinguished by eye."""
     apart = _apart(one, other, curves)
     return apart is not None and bool(np.nanmax(apart, initial=0.0) <= _SAME)
 
 
 def _name_at_ends(axes: Axes, curves: Curves) -> bool:
-    """Name the lines at their ends, and what is left in a legend; False, and nothing, where the names do not fit."""
+    """Name the lines at their ends, and the rest in a legend; do nothing and return False if the names do not fit."""
     lines = [series for series in curves.series if not series.points]
-    # By what their ends are named: of one name whosever they are, or of several names but the same.
+    # Lines with a common label: of one name and any kind, or of several names but equal.
     groups = grouped(lines, lambda one, other: one.name == other.name or _same(one, other, curves))
     words = [_group_name(group) for group in groups]
     if not 1 < len(groups) <= _MANY or max(len(text) for text in words) > _LONGEST or curves.equal:
@@ -128,7 +128,7 @@ def _name_at_ends(axes: Axes, curves: Curves) -> bool:
         return False
     figure = axes.get_figure(root=True)
     assert figure is not None
-    # What stands above takes of the height.
+    # The heading takes a part of the height.
     _lay_out(figure)
     high = max(text.count("\n") + 1 for text in words)
     height = high * _LABEL_SIZE * _SPACING * figure.dpi / 72.0 / axes.get_window_extent().height
@@ -157,7 +157,7 @@ def _group_name(group: Sequence[Series]) -> str:
 
 
 def _end(series: Series) -> tuple[float, float]:
-    """The known point of largest x, NaN without one."""
+    """The finite point with the largest x; NaN without one."""
     known = np.flatnonzero(np.isfinite(series.x) & np.isfinite(series.y))
     if not known.size:
         return np.nan, np.nan
@@ -166,7 +166,7 @@ def _end(series: Series) -> tuple[float, float]:
 
 
 def spread(heights: Array, least: float) -> Array:
-    """The places nearest to the heights (n,), by least squares, that are `least` apart.
+    """Positions nearest to the heights (n,), by least squares, with a distance of at least `least`.
 
     >>> spread(np.array([0.0, 0.0, 1.0]), 0.2).round(2).tolist()
     [-0.1, 0.1, 1.0]
@@ -178,7 +178,7 @@ def spread(heights: Array, least: float) -> Array:
 
 
 def _rest(axes: Axes, curves: Curves, groups: Sequence[Sequence[Series]]) -> dict[str, Any]:
-    """For the legend beside direct labels: what the styles of lines mean, and marks."""
+    """Entries of the legend beside direct labels: meaning of line styles, and markers."""
     entries: dict[str, Any] = {}
     kinds = list(dict.fromkeys(s.kind for group in groups for s in group if s.kind != "asked"))
     for kind in kinds if len(kinds) > 1 else ():
@@ -189,7 +189,7 @@ def _rest(axes: Axes, curves: Curves, groups: Sequence[Sequence[Series]]) -> dic
 
 
 def _entries(axes: Axes, curves: Curves, shown: Sequence[Series]) -> dict[str, Any]:
-    """Each name and kind once; whose a series is, is said only where there are several kinds."""
+    """Entries of the legend, each name and kind once; the kind is stated only if there are several kinds."""
     several = len({series.kind for series in curves.series} - {"asked"}) > 1
     entries: dict[str, Any] = {}
     for k, (series, line) in enumerate(zip(curves.series, axes.lines, strict=True)):
@@ -215,13 +215,13 @@ def _add_legend(axes: Axes, entries: dict[str, Any], least: int = 2) -> None:
             return
     beside: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}
     if any(text.get_text() and text.get_position()[0] == 4.0 for text in axes.texts):
-        # The names of lines stand there.
+        # The names of lines are on the right.
         beside = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.14), "ncols": 3}
     axes.legend(entries.values(), entries.keys(), **beside)
 
 
 def _hides_a_line(axes: Axes, legend: Legend) -> bool:
-    """Whether a line or a mark lies under a legend that took the best place it found."""
+    """Whether a line or a marker is hidden by the legend at the best position that matplotlib found."""
     figure = axes.figure
     assert isinstance(figure, Figure)
     _lay_out(figure)
@@ -233,7 +233,7 @@ def _hides_a_line(axes: Axes, legend: Legend) -> bool:
 
 
 def _lay_out(figure: Figure) -> None:
-    """Give axes and words their places, as drawing does before it draws: the lines themselves take longer."""
+    """Run the layout of drawing without drawing, which takes longer."""
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)

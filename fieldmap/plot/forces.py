@@ -1,5 +1,5 @@
-"""Scenes of a levitated payload: the force on it in the box, where it balances the weight, where it rests over the
-signals, and what the coils can make at a point. Lengths in mm."""
+"""Scenes of a levitated payload: force in the box, equilibrium, rest positions over the signals, and reachable forces
+at a point. Lengths in mm."""
 
 from collections.abc import Callable
 from typing import Any
@@ -23,16 +23,16 @@ from fieldmap.plot.words import fitting_prefix
 from fieldmap.typing import Array
 
 _ALONG, _LAYERS = 7, 3
-"""Places along x and z, and layers of constant y."""
+"""Numbers of points along x and z, and of layers of constant y."""
 
 
 def add_forces(scene: pv.Plotter, shown: Shown, _: str) -> None:
-    """Arrows of the magnetic force on the payload, which does not turn, on a grid of its places."""
+    """Arrows of the magnetic force on the payload, at a fixed orientation, on a grid of positions."""
     _add_arrows(scene, shown, "force", upright_force)
 
 
 def add_equilibrium(scene: pv.Plotter, shown: Shown, _: str) -> None:
-    """The magnet where it is in balance, and around it magnetic force and weight together."""
+    """The magnet in equilibrium, and the sum of magnetic force and weight around it."""
     assert shown.payload is not None
     _add_arrows(scene, shown, "net force", net_force)
     add_payload(scene, shown.payload, MM * np.asarray(shown.equilibrium))
@@ -46,7 +46,7 @@ def places_in_box(box: Bounds) -> Array:
 
 
 def net_force(field: AnyField, currents: Any, payload: Payload, places: Array) -> Array:
-    """Magnetic force and weight together (n, 3), N."""
+    """Sum of magnetic force and weight (n, 3), N."""
     weight = np.array([0.0, 0.0, -payload.mass * GRAVITY])
     return upright_force(field, currents, payload, places) + weight
 
@@ -57,7 +57,7 @@ def _add_arrows(scene: pv.Plotter, shown: Shown, name: str, force_at: Callable[.
     size = np.linalg.norm(force, axis=1)
     prefix, factor = fitting_prefix(float(size.max()))
     title = f"{name}, {prefix}N"
-    # The longest arrow spans the distance of two places.
+    # The longest arrow is about as long as the distance of two points.
     room = MM * float(np.min((shown.box[1] - shown.box[0]) / [_ALONG, _LAYERS, _ALONG]))
     arrows = arrows_at(places, force, 1.3 * room)
     arrows[title] = factor * arrows["size"]
@@ -70,7 +70,7 @@ COORDINATES = {"x": 0, "y": 1}
 
 
 def shift_titles(quantity: str) -> tuple[str, str, str]:
-    """Of the three axes of the scene."""
+    """Titles of the three axes of the scene."""
     return "x signal, %", "y signal, %", f"{quantity}, mm"
 
 
@@ -78,7 +78,7 @@ def add_shift(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
     """The surface of one coordinate, its grid of signals, and the mean current as colour."""
     assert shown.surface is not None
     surface = shift_surface(shown.surface, quantity)
-    # One current everywhere needs no scale of colours.
+    # A constant current needs no colour bar.
     level = surface[LEVEL]
     if np.ptp(level) > 1e-6 * np.abs(level).max():
         add_coloured(scene, surface, LEVEL, lighting=False)
@@ -88,7 +88,7 @@ def add_shift(scene: pv.Plotter, shown: Shown, quantity: str) -> None:
 
 
 def shift_surface(surface: EquilibriumSurface, quantity: str) -> pv.PolyData:
-    """Signals in % and a coordinate in mm as points, the mean current in A as point data; holes where there is none."""
+    """Signals in % and a coordinate in mm as points, the mean current in A as point data; holes without equilibrium."""
     x, y = np.meshgrid(PERCENT * surface.x_signals, PERCENT * surface.y_signals, indexing="ij")
     height = MM * surface.positions[..., COORDINATES[quantity]]
     grid = pv.StructuredGrid(x, y, np.nan_to_num(height))
@@ -105,7 +105,7 @@ _STRETCHES = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
 
 
 def reachable_axes(found: ReachableSet | SearchedSet) -> tuple[tuple[str, str, str], tuple[float, ...]]:
-    """Titles of the three axes of the scene, and how many times as long as it is each is drawn."""
+    """Titles of the three axes of the scene, and the factor by which each axis is stretched."""
     prefix, factor = _unit(found)
     name, unit = "F" if found.quantity == "force" else "B", f"{prefix}{found.unit}"
     stretch = tuple(round(float(one)) for one in factor / factor.min())
@@ -113,8 +113,8 @@ def reachable_axes(found: ReachableSet | SearchedSet) -> tuple[tuple[str, str, s
 
 
 def add_reachable(scene: pv.Plotter, shown: Shown, _: str) -> None:
-    """The set as a translucent solid, an arrow for each coil at its limit where these add up, and the force that
-    carries the payload."""
+    """The set as a translucent solid, an arrow for each coil at its limit if the coils' forces add up, and the force
+    that carries the payload."""
     found = shown.reachable
     assert found is not None
     if not len(found.triangles):
@@ -135,8 +135,8 @@ def add_reachable(scene: pv.Plotter, shown: Shown, _: str) -> None:
 
 
 def _unit(found: ReachableSet | SearchedSet) -> tuple[str, Array]:
-    """Prefix, and the factors (3,) from the plain unit: thin sets are drawn wider, by round numbers, which the titles
-    of the axes state."""
+    """Prefix, and factors (3,) from the plain unit. Thin sets are stretched by round numbers, which the titles of the
+    axes state."""
     prefix, factor = fitting_prefix(float(np.abs(found.vertices).max()))
     extents = np.ptp(found.vertices, axis=0)
     room = extents.max() / np.maximum(extents, 1e-3 * extents.max())
@@ -144,14 +144,14 @@ def _unit(found: ReachableSet | SearchedSet) -> tuple[str, Array]:
 
 
 def _add_coils(scene: pv.Plotter, found: ReachableSet, factor: Array, size: float) -> None:
-    """From what no current makes to what each coil makes at its upper limit, alone."""
+    """Arrows from the value without currents to the value of each coil alone at its upper limit."""
     start = factor * found.constant
     for k, (name, vector) in enumerate(zip(found.coil_names, found.per_ampere, strict=True)):
         along = factor * (found.upper[k] or found.lower[k]) * vector
         length = float(np.linalg.norm(along))
         if length < 1e-6 * size:
             continue
-        # One thickness for all, whatever their length.
+        # All arrows have the same thickness.
         arrow = pv.Arrow(
             start=start,
             direction=along,

@@ -1,4 +1,4 @@
-"""What a scene shows, from names: a device, its mesh, a field at currents, an equilibrium, a difference, a run."""
+"""Contents of a scene, from names: a device, its mesh, a field at currents, an equilibrium, a difference, a run."""
 
 import os
 import sys
@@ -30,11 +30,11 @@ from fieldmap.store import read_runs
 from fieldmap.typing import Array, PathLike
 
 SIGNALS = np.linspace(-0.3, 0.3, 13)
-"""Direction signals over which an equilibrium is shown."""
+"""Values of both direction signals for the scene of the shift."""
 WITH_FIELD = ("iron", "lines", "slices", "surfaces", "forces", "equilibrium")
 """Scenes of a field at currents."""
 DEFAULT_LIMIT = 3.0
-"""Of every current, A, for what is reachable with a device that has no driver."""
+"""Limit of every current, A, for the reachable set of a device without driver."""
 
 
 def shown_device(device: Device) -> Shown:
@@ -65,10 +65,9 @@ def shown_field(
 ) -> Shown:
     """A named field at currents (n_coils,), A, for the scene `what`.
 
-    minus: the field that is taken off, for "difference". height: of the magnet's centre, m, for "shift". For
-    "reachable" place (3,), m, the middle of the box unless given; limit of every current, A, the driver's unless given;
-    kind: "force" on the payload, upright, or "B". Raises InputError, before anything is solved, for what does
-    not fit together.
+    minus: the field to subtract, for "difference". height: of the magnet's centre, m, for "shift". For "reachable":
+    place (3,), m, by default the middle of the box; limit of every current, A, by default the driver's; kind: "force"
+    on the payload, upright, or "B". Raises InputError, before anything is solved, for arguments that do not fit.
     """
     if what == "difference":
         return _difference(source, minus, currents)
@@ -88,7 +87,7 @@ def _with_field(source: FieldSource, about: Shown, currents: Array, what: str) -
     shown = replace(about, field=state, equilibrium=at, assumptions=_told(source, currents))
     if isinstance(state, MapAtCurrents):
         return shown
-    # Here: maps are shown without what solves iron.
+    # Imported here, because a scene of a map does not need the solver.
     from fieldmap.iron import SolvedState
 
     if not isinstance(state, SolvedState):
@@ -126,7 +125,7 @@ def _reachable(
 
 
 def _reach_in_words(found: ReachableSet | SearchedSet, source: FieldSource) -> str:
-    """How far the set reaches upwards and sideways."""
+    """Text with the largest values of the set along x, y and z."""
     ways = {name: found.largest_along(axis) for name, axis in zip(("x", "y", "z"), np.eye(3), strict=True)}
     prefix, factor = fitting_prefix(max(ways.values()))
     reach = ", ".join(f"{factor * value:.3g} along {name}" for name, value in ways.items())
@@ -137,7 +136,7 @@ def _reach_in_words(found: ReachableSet | SearchedSet, source: FieldSource) -> s
 
 
 def _told(source: FieldSource, currents: Array) -> tuple[str, ...]:
-    """What the field rests on; warnings are printed on stderr too."""
+    """Assumptions of the field; warnings are printed on stderr, too."""
     assumptions = source.assumptions(currents)
     for text in assumptions:
         if text.startswith("warning"):
@@ -169,7 +168,7 @@ def _difference(source: FieldSource, minus: FieldSource | None, currents: Array)
 
 
 class FieldDifference(FieldAtCurrents):
-    """first - second at the same currents: a field like any other."""
+    """The field first - second at the same currents."""
 
     def __init__(self, first: FieldAtCurrents, second: FieldAtCurrents) -> None:
         self.first, self.second = first, second
@@ -177,20 +176,20 @@ class FieldDifference(FieldAtCurrents):
 
     @property
     def coil_names(self) -> tuple[str, ...]:
-        """Those of both."""
+        """Names of the coils, which both have."""
         return self.first.coil_names
 
     def field(self, points: ArrayLike) -> Array:
-        """B of the first less that of the second (n, 3), T."""
+        """B of the first less B of the second (n, 3), T."""
         return np.asarray(self.first.field(points) - self.second.field(points))
 
     def gradient(self, points: ArrayLike) -> Array:
-        """Gradient of the first less that of the second (n, 3, 3), T/m."""
+        """Gradient of the first less gradient of the second (n, 3, 3), T/m."""
         return np.asarray(self.first.gradient(points) - self.second.gradient(points))
 
 
 def _shift(source: FieldSource, currents: Array, height: float | None) -> Shown:
-    """Equal currents are the level of the field's own signals, others its shares."""
+    """The scene of the shift. Equal currents set the level of the field's own signals, other currents their shares."""
     require_box(source)
     equal = not np.ptp(currents)
     level = float(currents[0] if equal else np.abs(currents).mean())
@@ -205,7 +204,7 @@ def _shift(source: FieldSource, currents: Array, height: float | None) -> Shown:
 
 
 def floating_height(source: FieldSource, currents: Array) -> tuple[float, str]:
-    """z of the magnet's centre, m: where it floats at these currents, or the middle of the box; and which in words."""
+    """z of the magnet's centre, m: at the equilibrium for these currents, or the middle of the box; and which one."""
     lower, upper = require_box(source)
     try:
         found = find_equilibrium(source.field, currents, source.payload)
@@ -214,14 +213,14 @@ def floating_height(source: FieldSource, currents: Array) -> tuple[float, str]:
     return float(found.position[2]), ", where it floats"
 
 
-# Columns of the signals that are drawn.
+# Numbers of columns of the drawn signals.
 _COLUMNS = {"position": 3, "quaternion": 4, "sensed": 3, "reference": 3}
 
 
 def shown_run(path: PathLike) -> Shown:
     """The first run of a file that `fieldmap simulate -o` wrote, with the device that it records.
 
-    Raises InputError for a file without samples, and for one that is no such run.
+    Raises InputError for a file without samples or without a run.
     """
     runs, about = read_runs(path)
     if not runs or not np.size(runs[0].arrays.get("time", ((),))[0]):
@@ -237,7 +236,7 @@ def shown_run(path: PathLike) -> Shown:
     body = scenario.get("body", {})
     given = [body.get(key) for key in ("radius_mm", "height_mm")] if isinstance(body, dict) else []
     sizes = [1e-3 * float(size) for size in given if size is not None and is_number(size)]
-    # The reference is that of the sensed point, above the centre of mass.
+    # The reference is for the sensed point, which is above the centre of mass.
     above = np.mean(signals["sensed"] - signals["position"], axis=0)
     title = about.get("title", "")
     run = ShownRun(
@@ -255,8 +254,8 @@ def shown_run(path: PathLike) -> Shown:
 
 
 def _recorded(path: PathLike, about: Mapping[str, str]) -> tuple[Device, dict[str, Any]]:
-    """The device that a file of runs records, and the scenario. No other file is read: older ones name a shipped
-    device."""
+    """The device that a file of runs records, and the scenario. Older files name a shipped device; no other file is
+    read."""
     try:
         scenario = tomllib.loads(about.get("scenario", ""))
     except (tomllib.TOMLDecodeError, RecursionError) as error:

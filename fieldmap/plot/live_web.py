@@ -1,4 +1,4 @@
-"""The map with sliders in a browser: trame serves a page, this machine draws the scene, no graphics card is needed."""
+"""The map with sliders in a browser: trame serves a page, and this machine draws the scene without a graphics card."""
 
 import sys
 from typing import Any
@@ -16,9 +16,9 @@ _SMALL: dict[str, Any] = {"density": "compact", "hide_details": True}
 class LivePage:
     """A page with one slider for each of `window.live.controls`, reset, and saved states.
 
-    window: off-screen and without sliders of its own; it draws what the page shows, and keeps the states. name: of the
-    server. `server.state` holds what the page shows: `values`, the words of the answer, `saved`,
-    `problem`. Raises FieldmapError where trame is not installed, InputError for a file that holds no saved states.
+    window: off-screen and without sliders; it draws the picture of the page, and keeps the states. name: of the server.
+    `server.state` holds the contents of the page: `values`, the words of the answer, `saved`, `problem`. Raises
+    FieldmapError if trame is not installed, InputError for a file without saved states.
     """
 
     def __init__(self, window: LiveWindow, title: str, name: str = "fieldmap") -> None:
@@ -32,7 +32,7 @@ class LivePage:
 
     def serve(self, port: int = 8080, host: str = "localhost", open_browser: bool = True) -> None:
         """Serve the page until it is stopped (Ctrl+C); port 0: any free one. Prints its address."""
-        # The server reads the command line by itself, which is not meant for it.
+        # Without this the server would read our command line.
         given, sys.argv = sys.argv, sys.argv[:1]
         ready = self.server.controller.on_server_ready
 
@@ -48,15 +48,15 @@ class LivePage:
             sys.argv = given
 
     def reset(self) -> None:
-        """Back to where it began."""
+        """Set the initial values."""
         self._follow(self.model.reset)
 
     def save(self) -> None:
-        """Keep the values under the name that was typed."""
+        """Save the values under the typed name."""
         self._follow(lambda: self.model.save(self.server.state.name))
 
     def restore(self) -> None:
-        """Go to the saved state that was chosen."""
+        """Go to the selected saved state."""
         self._follow(lambda: self.model.restore(self.server.state.chosen or ""))
 
     def _moved(self, values: list[float], **_: Any) -> None:
@@ -65,7 +65,7 @@ class LivePage:
             self._follow(lambda: self.model.move(wanted))
 
     def _follow(self, change: Any) -> None:
-        """Do what was asked, and show it; a mistake is a line on the page."""
+        """Make a change and show the result; an error becomes a line on the page."""
         problem = ""
         try:
             change()
@@ -77,7 +77,7 @@ class LivePage:
         self._view.update()
 
     def _put(self) -> None:
-        """What the page shows of the model."""
+        """Update the contents of the page from the model."""
         values, saved = self.model.values.tolist(), list(self.model.saved)
         self.server.state.update({"values": values, "saved": saved} | self.model.words)
 
@@ -89,7 +89,7 @@ class LivePage:
             with v3.VContainer(fluid=True, classes="pa-2"), v3.VRow(no_gutters=True):
                 with v3.VCol(cols=12, md=8):
                     html.Div(self.title, classes="text-subtitle-1", id="title")
-                    # Only the picture has a height of its own: words take the lines that they need.
+                    # Only the picture has a fixed height.
                     with html.Div(style="height: 65vh; min-height: 300px"):
                         self._view: Any = vtk.VtkRemoteView(
                             self.window.scene.render_window, interactive_ratio=1, style="height: 100%"

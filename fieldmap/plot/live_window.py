@@ -1,5 +1,5 @@
-"""A map behind sliders: what it answers each time one moves, and a window in which field, force and equilibrium follow.
-Lengths in mm where something is drawn."""
+"""A map with sliders: the answer to each move of a slider, and a window with field, force and equilibrium. Lengths of
+drawings in mm."""
 
 import json
 from collections.abc import Callable
@@ -35,7 +35,7 @@ from fieldmap.typing import Array, PathLike
 
 @dataclass(frozen=True, repr=False)
 class Control(Record):
-    """One slider. unit: "A", "1" or "mm"; value: where it begins."""
+    """One slider. unit: "A", "1" or "mm"; value: initial value."""
 
     name: str
     unit: str
@@ -46,11 +46,11 @@ class Control(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LiveAnswer(Record):
-    """What there is at currents (n_coils,), A.
+    """Results at currents (n_coils,), A.
 
-    flux_density (n, 3), T, at the points that were asked for; force (3,), N, on the magnet at `place` (3,), m; held:
-    which way its moment points there and whether it turns; lift: the vertical part over the weight; equilibrium, or
-    None; words: where it is, or why there is none.
+    flux_density (n, 3), T, at the points of the map; force (3,), N, on the magnet at `place` (3,), m; held: direction
+    of its moment there and whether it turns, in words; lift: vertical force over the weight; equilibrium, or None;
+    words: its position, or why there is none.
     """
 
     currents: Array
@@ -64,13 +64,12 @@ class LiveAnswer(Record):
 
 
 class LiveMap:
-    """A map behind sliders: the currents of its coils, or the signals of the division it was made for, and a height.
+    """A map with sliders for the currents of its coils, or for the signals of its division, and for a height.
 
-    field_map: an opened map. payload: the magnet. points (n, 3), m: where the field is asked for.
-    current_limit: ends of the sliders of a linear map, A; of a map of saturating iron they are its domain. force_scale:
-    what every force but that of the iron's reaction is multiplied by, from a calibration. states_file: where saved
-    states are kept, as JSON, read at once where it is there. Raises InputError for a payload that is none, a limit
-    that is not positive, and a file that is none of saved states.
+    field_map: an opened map. payload: the magnet. points (n, 3), m: where to evaluate the field. current_limit: ends of
+    the sliders of a linear map, A; a map of saturating iron uses its domain. force_scale: factor of every force except
+    the force of the iron's reaction, from a calibration. states_file: JSON file of saved states, read if it exists.
+    Raises InputError without a payload, for a limit that is not positive, and for a file without saved states.
 
     `values` of `controls`, and the `answer` to them, follow `move`, `reset` and `restore`.
 
@@ -103,7 +102,7 @@ class LiveMap:
         self.initial = np.array([control.value for control in self.controls])
         self._ends = np.array([(control.lower, control.upper) for control in self.controls]).T
         self._last: Array | None = None
-        # Found once, and needed where there is no equilibrium.
+        # Cached by the map; needed if there is no equilibrium.
         field_map.jump()
         self.states_file = None if states_file is None else Path(states_file)
         self.saved: dict[str, dict[str, float]] = {}
@@ -116,8 +115,8 @@ class LiveMap:
         return np.array([*(0.5 * (lower + upper))[:2], np.clip(height, lower[2], upper[2])])
 
     def _start(self, height: float) -> Array:
-        """The map's reference currents; in a linear map as many times as carries the weight at a height, beside what is
-        there without currents."""
+        """The map's reference currents; in a linear map multiplied so that they carry the weight at a height, together
+        with the force without currents."""
         reference = np.array(self.field_map.info.reference_current, dtype=float)
         if self.field_map.info.reduced_model is not None:
             return reference
@@ -135,9 +134,9 @@ class LiveMap:
         return self._currents(np.asarray(values, dtype=float)[:-1])
 
     def answer_at(self, values: ArrayLike) -> LiveAnswer:
-        """Everything at the values of `controls`; NaN for the field beyond a map's currents, with words that say so.
+        """Results at the values of `controls`; the field is NaN beyond a map's currents, with an explanation in words.
 
-        The equilibrium is looked for from the last one first.
+        The search for the equilibrium starts at the last one.
         """
         amperes, height = self.currents(values), 1e-3 * float(np.asarray(values, dtype=float)[-1])
         place = self._place(height)
@@ -166,17 +165,17 @@ class LiveMap:
         return found, f"floats at ({at}) mm, stable along {', '.join(held) or 'no axis'}"
 
     def move(self, values: ArrayLike) -> LiveAnswer:
-        """Answer at new values of all controls, which are clipped to their ends."""
+        """Answer at new values of all controls, clipped to their limits."""
         self.values = np.clip(np.asarray(values, dtype=float), *self._ends)
         self.answer = self.answer_at(self.values)
         return self.answer
 
     def reset(self) -> LiveAnswer:
-        """Back to where it began."""
+        """Answer at the initial values."""
         return self.move(self.initial)
 
     def save(self, name: str) -> tuple[str, ...]:
-        """Keep the values under a name, and write the file if there is one; names of all saved states.
+        """Save the values under a name, and write the file if there is one. Returns the names of all saved states.
 
         Raises InputError for an empty name, and for a file that cannot be written.
         """
@@ -191,7 +190,7 @@ class LiveMap:
         return tuple(self.saved)
 
     def restore(self, name: str) -> LiveAnswer:
-        """Answer at a saved state; controls that it does not know begin anew. Raises InputError for an unknown one."""
+        """Answer at a saved state; controls without a value are reset. Raises InputError for an unknown name."""
         if name not in self.saved:
             known = ", ".join(self.saved) or "none saved"
             raise InputError.of("restore", f"must be one of: {known}", name, "choose one of these")
@@ -200,7 +199,7 @@ class LiveMap:
 
     @property
     def words(self) -> dict[str, str]:
-        """The answer for people: currents, force, lift and equilibrium, each a line; force and lift empty beyond a
+        """The answer as text: currents, force, lift and equilibrium, one line each; force and lift are empty beyond a
         map's currents."""
         answer, names = self.answer, self.field_map.coil_names
         amperes = ", ".join(
@@ -222,7 +221,7 @@ class LiveMap:
 def _controls(
     field_map: FieldMap, begin: Array, limit: float
 ) -> tuple[Callable[[Array], Array], tuple[Control, ...]]:
-    """What turns the sliders' values into currents, and the sliders."""
+    """The function from the sliders' values to currents, and the sliders."""
     model, count = field_map.info.reduced_model, len(field_map.coil_names)
     names, units = tuple(f"coil {name}" for name in field_map.coil_names), ("A",) * count
     lower, upper = np.full(count, -limit), np.full(count, limit)
@@ -268,17 +267,17 @@ FORCE = "#D55E00"
 LEGEND = "red: the magnet where it floats; orange: the force on it at the height of the slider"
 _NUMBER = {"A": "%.3f A", "1": "%.3f", "mm": "%.1f mm"}
 _SMALL = 700
-"""Pixels: in a window that is narrower or lower, words shrink with it."""
+"""Width or height, pixels, below which words shrink with the window."""
 
 
 class LiveWindow:
-    """A window with one slider for each of `live.controls`: `.show()` opens it, `.move(values)` does what sliders do.
+    """A window with one slider for each of `live.controls`: `.show()` opens it, `.move(values)` moves the sliders.
 
     field_map, payload, current_limit, force_scale, states_file: as for `LiveMap`. title: a line above. off_screen: draw
-    without a window, for pictures. sliders: without them there are no words either, both stand elsewhere. Red: where
-    the magnet floats. Orange: the force on it where the height slider puts it, as long as a fifth of the box where it
-    carries the weight. planes: grids with |B| in mT; magnet_at: where the magnet is drawn, mm, or None.
-    Raises FieldmapError on a machine without OpenGL, InputError for a file that holds no saved states.
+    without a window, for pictures. sliders: whether the window has sliders and words. The red magnet is in equilibrium.
+    The orange arrow is the force on the magnet at the height of the slider; a force equal to the weight is as long as a
+    fifth of the box. planes: grids with |B| in mT; magnet_at: position of the drawn magnet, mm, or None.
+    Raises FieldmapError on a machine without OpenGL, InputError for a file without saved states.
     """
 
     def __init__(
@@ -298,7 +297,7 @@ class LiveWindow:
         self.planes = plane_grids(field_map.bounds)
         points = np.vstack([grid_points(plane, field_map.bounds) for plane in self.planes])
         self.live = LiveMap(field_map, payload, points, current_limit, force_scale, states_file)
-        # Smoothed edges cost a processor that draws by itself seven times as long.
+        # Without a graphics card, anti-aliasing would take seven times as long.
         self.scene.disable_anti_aliasing()
         self._build(field_map, None if payload is None else magnet_surface(payload.magnet), title)
         self.sliders = [self._add_slider(k) for k in range(len(self.live.values) if sliders else 0)]
@@ -309,7 +308,7 @@ class LiveWindow:
 
     @property
     def values(self) -> Array:
-        """Of the sliders."""
+        """Values of the sliders."""
         return self.live.values
 
     def show(self) -> None:
@@ -336,7 +335,7 @@ class LiveWindow:
         self.scene.render()
 
     def as_numbers(self) -> dict[str, Any]:
-        """The sliders and the answer at their values, as they are now. SI units, sliders in theirs."""
+        """The present values of the sliders, in their units, and the answer, in SI units."""
         answer = self.live.answer
         sliders = [
             control.to_dict() | {"value": float(value)}
@@ -353,7 +352,7 @@ class LiveWindow:
         }
 
     def _build(self, field_map: FieldMap, magnet: pv.PolyData | None, title: str) -> None:
-        """Everything that does not move."""
+        """Draw everything that does not move."""
         scene = self.scene
         for plane in self.planes:
             plane[FLUX] = np.linspace(0.0, 1.0, plane.n_points)
@@ -370,17 +369,16 @@ class LiveWindow:
         self._arrow_length = 0.2 * MM * float((field_map.upper - field_map.lower)[2])
 
     def _fit(self, view: Array) -> None:
-        """Camera and words for the size that the window has now, which in a page is the browser's; view (3,): towards
-        the viewer."""
+        """Fit camera and words to the present size of the window, or of the browser. view (3,): towards the viewer."""
         window = self._window.GetSize()
-        # Below the box stand four lines where the words are in the window.
+        # Words in the window take four lines below the box.
         look_at(self.scene, self._room, margin=0.6 if self.sliders else 0.42, view=view, size=window)
         share = min(1.0, min(window) / _SMALL)
         for words, size in self._sizes:
             words.SetFontSize(round(share * size))
 
     def _resized(self, *_: Any) -> None:
-        """The user may have turned the scene."""
+        """Fit again after a change of size, in the present view, which the user may have changed."""
         camera = self.scene.camera
         self._fit(np.subtract(camera.position, camera.focal_point))
 
@@ -389,7 +387,7 @@ class LiveWindow:
         height = 0.88 - 0.8 * k / max(count - 1, 6)
 
         def moved(value: float) -> None:
-            # Making the slider calls this before there is anything to move.
+            # The constructor of the slider already calls this.
             if value != self.values[k]:
                 self.move(np.where(np.arange(count) == k, value, self.values))
 
@@ -445,7 +443,7 @@ class LiveWindow:
 
 
 def _along(direction: Array, length: float, at: Array) -> Array:
-    """Matrix (4, 4) that lays the arrow of pyvista, from 0 to x = 1, along a direction."""
+    """Matrix (4, 4) that moves the arrow of pyvista, from x = 0 to 1, to a direction, length and start."""
     other = np.eye(3)[int(np.argmin(np.abs(direction)))]
     side = np.cross(direction, other) / np.linalg.norm(np.cross(direction, other))
     return pose(length * np.column_stack([direction, side, np.cross(direction, side)]), at)

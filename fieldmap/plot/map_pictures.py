@@ -1,5 +1,5 @@
-"""The two pictures of a finished map, written beside it: NAME.png, forces on its magnet (and where it comes to rest
-beside what was measured), and NAME_3d.png, the machine with the field in its workspace."""
+"""The two pictures of a finished map, written to its folder: NAME.png, forces on its magnet and computed and measured
+rest positions, and NAME_3d.png, the machine with the field in its workspace."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -29,12 +29,12 @@ from fieldmap.typing import Array
 
 _SIZE = (11.4, 5.2)
 _SIGNALS = 81
-"""Points of a line over a direction signal."""
+"""Number of points of a line over a direction signal."""
 
 
 @dataclass(frozen=True, repr=False)
 class MapPicture(Record):
-    """A picture of a map: "figure" or "3-D picture". path: where it was written; None, and then why in `problem`."""
+    """A picture of a map: "figure" or "3-D picture". path: of the file, or None with the reason in `problem`."""
 
     shows: str
     path: Path | None
@@ -44,13 +44,13 @@ class MapPicture(Record):
 def save_map_pictures(summary: MapSummary) -> tuple[MapPicture, ...]:
     """Write both pictures beside the map, NAME.png and NAME_3d.png.
 
-    A picture that cannot be drawn, on a machine without OpenGL or of a map that records no device, is left
-    out and says why; nothing is raised for it.
+    A picture that cannot be drawn, on a machine without OpenGL or of a map without a recorded device, is left out, with
+    the reason in its `problem`; no error is raised.
 
     Parameters
     ----------
     summary
-        What the map holds: `fieldmap.io.map_summary.summarise_map`.
+        Summary of the map: `fieldmap.io.map_summary.summarise_map`.
 
     Returns
     -------
@@ -81,8 +81,8 @@ def _saved(shows: str, path: Path, save: Callable[[], Path]) -> MapPicture:
 
 @dataclass(frozen=True, eq=False)
 class _Drawn:
-    """A map at the currents (n_coils,), A, at which it is drawn: equal ones that carry the magnet at the middle one of
-    the heights where they do, z of its centre in m, or else its reference currents."""
+    """A map and the currents (n_coils,), A, of its pictures: equal currents that carry the magnet at a height z, m, the
+    middle one of the summary's heights at which that is possible; otherwise the reference currents."""
 
     summary: MapSummary
     opened: FieldMap
@@ -109,8 +109,8 @@ def _save_scene(drawn: _Drawn, path: Path) -> Path:
 
 
 def _save_figure(drawn: _Drawn, path: Path) -> Path:
-    """Two panels: forces, or the field of a map without a payload, in the plane y = middle; and beside it where the
-    magnet comes to rest beside what was measured, or else the field on the axis."""
+    """Two panels: forces in the plane y = middle, or the field of a map without a payload; and computed and measured
+    rest positions, or otherwise the field on the axis."""
     summary = drawn.summary
     with new_figure(_SIZE) as figure:
         left, right = figure.subplots(1, 2, width_ratios=(0.62, 1.0), gridspec_kw={"wspace": 0.08})
@@ -145,7 +145,7 @@ def shift_curves(opened: FieldMap, payload: Payload, shift: ShiftBesideMeasured)
 
 
 def shift_message(measured: Series, model: Series) -> str:
-    """How far the magnet moves, and how far the model is from that, from the data of both.
+    """Sentence with the motion of the magnet and the error of the model, from the data of both.
 
     >>> measured = Series("measured", [0.0, 0.2, 0.4], [0.0, 4.0, 9.0], "measured", points=True)
     >>> shift_message(measured, Series("ours", [0.0, 0.2, 0.4], [0.0, 4.5, 8.1]))

@@ -1,4 +1,4 @@
-"""Pictures of an optimisation: its path, what a limit costs, and the machine before and after."""
+"""Pictures of an optimisation: its path, the trade-off with each limit, and the machine before and after."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from fieldmap.typing import Array, Index, PathLike
 
 _PANEL = (4.4, 3.3)
 _BLUE, _ORANGE, *_ = COLOURS
-# Where the largest of the numbers of an axis is so many times the smallest, it is logarithmic.
+# Ratio of the largest to the smallest number of an axis above which the axis is logarithmic.
 _WIDE = 20.0
-# Units that take a prefix, so that their numbers are short. Areas do not: their prefix would be squared.
+# Units that take a prefix for short numbers. Areas do not, because their prefix would be squared.
 _PREFIXED = ("T", "A", "W", "H", "N", "K")
 _SMALLEST_PICTURE, _TALLEST_PICTURE = 500, 1500
 _QUANTITIES = {one.name: one for one in QUANTITIES}
@@ -49,11 +49,11 @@ def save_optimum_plot(found: Optimum, path: PathLike) -> Path:
 
 
 def optimum_figure(found: Optimum) -> Figure:
-    """Every design that was solved: the objective and the variables in the order in which they were asked for, and for
-    each limit the objective over the number that is limited, with the designs that no other one beats in both.
+    """All solved designs: objective and variables in the order of the search, and for each limit the objective over the
+    limited number, with the Pareto front.
 
     Filled points meet all limits, hollow ones do not; crosses could not be solved. Designs of the check on a finer mesh
-    are left out, for their numbers have another mesh's error. Printed units.
+    are left out, because their numbers have the error of another mesh. Printed units.
     """
     count = 2 + len(found.limits)
     columns = 2 if count == 4 else min(count, 3)
@@ -82,7 +82,7 @@ def optimum_message(found: Optimum) -> str:
 
 
 def undominated(first: Array, second: Array) -> Index:
-    """Places, by rising `first`, of the pairs (n,), (n,) that no other pair is smaller than in both.
+    """Indices, by rising `first`, of the pairs (n,), (n,) for which no other pair is smaller in both numbers.
 
     >>> undominated(np.array([1.0, 2.0, 3.0, 2.5]), np.array([5.0, 3.0, 4.0, 1.0])).tolist()
     [0, 1, 3]
@@ -104,12 +104,12 @@ class _Designs:
         self.best = same.index(True) if any(same) else None
 
     def numbers(self, label: str) -> Array:
-        """Of every design, in printed units; NaN where it could not be solved."""
+        """A number of every design, in printed units; NaN if the design could not be solved."""
         factor = _printed(self.found, label)[0]
         return factor * np.array([step.numbers.get(label, np.nan) for step in self.steps])
 
     def draw(self, axes: Axes, x: Array, label: str) -> Array:
-        """Points of a number of every design over x; these numbers (n,)."""
+        """Draw points of a number of every design over x. Returns the numbers (n,)."""
         y, meets = self.numbers(label), self.feasible
         if (~meets & ~self.failed).any():
             axes.plot(x[~meets], y[~meets], "o", color=QUIET, markerfacecolor="none", label="misses a limit")
@@ -129,13 +129,13 @@ def _objective(axes: Axes, designs: _Designs) -> None:
         at = designs.number[designs.failed]
         low = axes.get_ylim()[0]
         axes.plot(at, np.full(len(at), low), "x", color=QUIET, clip_on=False, label="could not be solved")
-        # Crosses would move the edge that they stand on.
+        # Crosses are at the lower edge and must not move it.
         axes.set_ylim(bottom=low)
     axes.set_xlabel("design")
 
 
 def _variables(axes: Axes, designs: _Designs) -> None:
-    """Shares of the ranges; the legend has the best values."""
+    """Draw the variables as shares of their ranges; the legend has the best values."""
     for k, one in enumerate(designs.found.variables):
         values = np.array([step.values[one.key] for step in designs.steps])
         share = 100.0 * (values - one.lower) / (one.upper - one.lower)
@@ -166,8 +166,8 @@ def _trade_off(axes: Axes, designs: _Designs, limit: LimitAtOptimum) -> None:
 
 
 def _printed(found: Optimum, label: str) -> tuple[float, str]:
-    """Factor and unit of a number by its name, with a prefix that fits its value at the best design; 1 and "" of one
-    that is not among those of studies."""
+    """Factor and unit of a number by its name, with a prefix that fits its value at the best design; 1 and "" for a
+    number that studies do not have."""
     known = _QUANTITIES.get(label.split(" ")[0].split(",")[0])
     if known is None:
         return 1.0, ""
@@ -201,11 +201,11 @@ def save_before_and_after(
     before, after
         The devices.
     path
-        Of the picture.
+        Path of the picture.
     captions
-        A line or several above each.
+        One or more lines above each device.
     width
-        Of the picture, pixels; it is as high as the devices need.
+        Width of the picture, pixels; the height follows from the devices.
 
     Returns
     -------

@@ -19,7 +19,7 @@ from fieldmap.plot.style import save_screenshot
 from fieldmap.plot.words import amperes_in_words
 from fieldmap.typing import Array, PathLike
 
-# Arrows along x and z, and how far in front of the plane of the field they lie, m.
+# Numbers of arrows along x and z, and their distance in front of the plane of the field, m.
 _ARROWS, _IN_FRONT = (7, 9), 3e-4
 _VIEW = np.array(VIEW)
 FROM_ABOVE = np.array([0.42, -1.0, 0.75])
@@ -40,17 +40,16 @@ def save_picture(
     Parameters
     ----------
     path
-        Of the picture.
+        Path of the picture.
     device, field, currents, magnet_at
         As for `device_scene`.
     caption
         A line below the field.
     window_size
-        Of the picture, pixels.
+        Size of the picture, pixels.
     forces
-        Whether arrows show magnetic force and weight together on the payload's magnet, with its centre at
-        places of the plane y = middle of the field's box, and not the direction of B. For a device with a
-        payload.
+        Whether arrows show the sum of magnetic force and weight on the payload's magnet, at positions in the plane
+        y = middle of the field's box, instead of the direction of B. For a device with a payload.
 
     Returns
     -------
@@ -85,6 +84,8 @@ def save_picture(
         of = as_field(field).coil_names
         words = amperes_in_words(coil_currents(1.0 if currents is None else currents, of), of)
         words += "" if forces else "; arrows: direction of B"
+        red = not forces and magnet_at is not None and device.payload is not None
+        words += ", red: moment of the magnet" if red else ""
         words += f"\n{caption}" if caption else ""
         add_words(scene, words, (0.03, 0.02))
     save_screenshot(scene, path)
@@ -93,7 +94,7 @@ def save_picture(
 
 
 def _by_name(device: Device, field: AnyField | None, currents: ArrayLike | None) -> Any:
-    """Currents of a field's coils, A, as those of a device; 1 A in coils that the field does not know."""
+    """Currents of a device's coils, A, from the currents of a field's coils; 1 A in coils that the field lacks."""
     if field is None or currents is None:
         return currents
     names = as_field(field).coil_names
@@ -108,14 +109,14 @@ def _add_net_force(scene: pv.Plotter, device: Device, field: AnyField, currents:
     assert device.payload is not None
     places, _ = plane_of(box, "y", None, _ARROWS)
     force = net_force(source, amperes, device.payload, places)
-    # The longest fits into its cell, about the middle of which it turns.
+    # The longest arrow fits into a cell and is centred in it.
     cell = MM * float(np.min((box[1] - box[0])[[0, 2]] / _ARROWS))
     arrows = arrows_at(places - [0.0, _IN_FRONT, 0.0], force, cell)
     scene.add_mesh(arrows, color="white", lighting=False, show_scalar_bar=False)
 
 
 def core_bounds(device: Device) -> Array:
-    """Box (3, 2), mm, of the coils and the workspace: what the right panel shows."""
+    """Box (3, 2), mm, of the coils and the workspace, which the right panel shows."""
     surfaces = [winding_surface(coil) for coil in device.coils]
     if device.workspace is not None:
         surfaces.append(workspace_outline(device.workspace))
@@ -131,7 +132,7 @@ def look_at(
 ) -> None:
     """Parallel projection from the front that just holds the box (3, 2).
 
-    view (3,): towards the viewer. size: of the window, pixels; that with which the scene was made unless given.
+    view (3,): towards the viewer. size: of the window, pixels; by default its initial size.
     """
     forward, right, up = _directions(view)
     across, along = _seen(bounds, right, up)
@@ -155,7 +156,7 @@ def extent_seen(bounds: Array, view: Array = _VIEW) -> tuple[float, float]:
 
 
 def _directions(view: Array) -> tuple[Array, Array, Array]:
-    """Unit vectors forward, right and up of who looks against `view` (3,)."""
+    """Unit vectors forward, right and up of a viewer in the direction `view` (3,)."""
     forward = -view / np.linalg.norm(view)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
@@ -163,6 +164,6 @@ def _directions(view: Array) -> tuple[Array, Array, Array]:
 
 
 def _seen(bounds: Array, right: Array, up: Array) -> tuple[Array, Array]:
-    """The corners (8,) of a box along two directions."""
+    """Coordinates (8,) of the corners of a box along two directions."""
     corners = np.array(np.meshgrid(*bounds, indexing="ij")).reshape(3, -1).T
     return corners @ right, corners @ up

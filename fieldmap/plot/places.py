@@ -1,4 +1,4 @@
-"""Places in a box where a field is asked for, and grids of them. Boxes in m, grids in mm."""
+"""Points in a box for the evaluation of a field, and grids of them. Boxes in m, grids in mm."""
 
 import numpy as np
 import pyvista as pv
@@ -13,14 +13,14 @@ AXES = "xyz"
 
 
 def pose(rotation: Array, at: Array) -> Array:
-    """Matrix (4, 4) that turns by a rotation (3, 3) and moves to a place (3,)."""
+    """Matrix (4, 4) of a rotation (3, 3) and a translation (3,)."""
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = rotation, at
     return matrix
 
 
 def inside(box: Bounds) -> tuple[Array, Array]:
-    """Corners (3,), m, a hair inside the box, so that rounding leaves no point outside."""
+    """Corners (3,), m, slightly inside the box, so that rounding leaves no point outside."""
     lower, upper = (np.asarray(corner, dtype=float) for corner in box)
     inset = 1e-9 * (upper - lower)
     return lower + inset, upper - inset

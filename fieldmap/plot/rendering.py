@@ -10,7 +10,7 @@ from vtkmodules.vtkCommonCore import vtkLogger
 
 from fieldmap.errors import FieldmapError
 
-# VTK's own classes: to load pyvista takes a second more.
+# Uses VTK directly, because loading pyvista takes a second more.
 _PROGRAM = """
 import vtkmodules.vtkRenderingOpenGL2
 from vtkmodules.vtkFiltersSources import vtkCubeSource
@@ -30,17 +30,17 @@ picture.Update()
 """
 
 
-# What VTK draws with where there is no screen: by the graphics driver, or by Mesa in memory.
+# Windows of VTK without a screen: by the graphics driver, or by Mesa in memory.
 _WITHOUT_SCREEN = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
 _CHOICE = "VTK_DEFAULT_OPENGL_WINDOW"
 
 
 @lru_cache(maxsize=1)
 def can_render() -> bool:
-    """Draw a box in another process: without OpenGL the renderer does not fail, it takes its process down.
+    """Draw a box in another process, because without OpenGL the renderer would end its process.
 
-    A second or two, once, and only on a Linux machine without a display. What draws there is then chosen for this
-    process too (by VTK's own variable of the environment), so that VTK does not look for a screen first and complain.
+    This takes a second or two, once, and only on a Linux machine without a display. The window class that works is then
+    set for this process, too, in VTK's environment variable, so that VTK does not search for a screen and complain.
     """
     if sys.platform != "linux" or os.environ.get("DISPLAY"):
         return True
@@ -56,8 +56,8 @@ def can_render() -> bool:
 
 
 def require_renderer() -> None:
-    """Raise FieldmapError where nothing can be drawn."""
-    # With a display that is gone (an old DISPLAY) VTK complains and then draws without it all the same.
+    """Raise FieldmapError if nothing can be drawn."""
+    # If the display no longer exists (an old DISPLAY), VTK complains but draws without it.
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_ERROR)
     if not can_render():
         raise FieldmapError.of(
@@ -69,8 +69,7 @@ def require_renderer() -> None:
 
 
 def new_scene(size: tuple[int, int], off_screen: bool = True, panels: int = 1) -> pv.Plotter:
-    """An empty scene on white paper, of one or more panels side by side. Raises FieldmapError where nothing can be
-    drawn."""
+    """An empty scene on white paper, with panels side by side. Raises FieldmapError if nothing can be drawn."""
     require_renderer()
     scene = pv.Plotter(off_screen=off_screen, window_size=list(size), shape=(1, panels), border=False)
     scene.background_color = pv.Color("white")
@@ -78,7 +77,7 @@ def new_scene(size: tuple[int, int], off_screen: bool = True, panels: int = 1) -
 
 
 def require_window(scene: pv.Plotter) -> None:
-    """Raise FieldmapError where a scene that shall be looked at has no screen to appear on."""
+    """Raise FieldmapError if there is no screen to show a scene."""
     kind = scene.render_window.GetClassName() if scene.render_window is not None else ""
     if kind in _WITHOUT_SCREEN:
         raise FieldmapError.of(

@@ -23,7 +23,7 @@ _NAMES = ("x", "y", "depth")
 _SMALL = 0.5
 """Readings below this, in mm, are drawn in micrometres."""
 _SETTLED = 0.05
-"""Of a step: nearer than this share of it a reading has arrived."""
+"""Share of a step within which a reading has settled."""
 _TRUE, _MEASURED, *_ = COLOURS
 _LINES = ("-", "--", ":", "-.")
 _ASKED: dict[str, Any] = {"color": INK, "linewidth": 0.9, "linestyle": "--"}
@@ -33,6 +33,8 @@ _NO_RUN = (
 )
 _FEW, _NAMED = 8, 4
 """Runs whose lines are drawn at full strength; runs whose overshoots a message tells."""
+# Of a path in a plane: the shorter side, at the least, of the longer one.
+_LEAST_SIDE = 0.25
 # Currents that differ by less than this share of the largest are one curve.
 _SAME = 1e-3
 _ABOVE: dict[str, Any] = {
@@ -59,10 +61,10 @@ class DrawnRun(TypedDict):
 
 
 def drawn_run(run: ScenarioRun, varied: Mapping[str, object] | None = None) -> DrawnRun:
-    """What is drawn of a run of a scenario; varied: the values of the varied keys."""
+    """The drawn data of a run of a scenario. varied: the values of the varied keys."""
     about: Any = {"coil_names": run.coil_names, "event": run.metrics.event, "varied": varied or {}}
     if not len(run.time):
-        # A run that ended at once is drawn as one sample.
+        # A run without samples is drawn as one sample.
         names, nothing = ("wanted", "true", "seen"), np.zeros((1, 3))
         return (
             dict.fromkeys(names, nothing)
@@ -77,15 +79,14 @@ def drawn_run(run: ScenarioRun, varied: Mapping[str, object] | None = None) -> D
 def read_drawn_runs(
     paths: Sequence[PathLike], names: Sequence[str] | None = None
 ) -> tuple[str, list[DrawnRun]]:
-    """The runs of files that `fieldmap simulate -o` wrote, to be laid over one another by `run_figure`.
+    """The runs of files that `fieldmap simulate -o` wrote, for a common figure by `run_figure`.
 
     Parameters
     ----------
     paths
-        Of the files.
+        Paths of the files.
     names
-        Of the runs of each file in the legend; those of the files unless given. A file of several values of varied keys
-        has these behind its name.
+        Name of each file's runs in the legend; by default the name of the file. Values of varied keys follow the name.
 
     Returns
     -------
@@ -95,7 +96,7 @@ def read_drawn_runs(
     Raises
     ------
     InputError
-        For a file without runs, and for names that are not one for each file.
+        For a file without runs, and for another number of names than of files.
     """
     files = [Path(path) for path in paths]
     stems = [file.stem for file in files]
@@ -113,7 +114,7 @@ def read_drawn_runs(
 
 
 def _recorded_run(file: Path, record: RunRecord, name: str) -> DrawnRun:
-    """Raises InputError for a run without samples, and for one that misses a signal."""
+    """One recorded run. Raises InputError for a run without samples or with a missing signal."""
     columns = {"time": 0, "reference": 3, "sensed": 3, "seen": 3, "currents": 1}
     zero, samples = record.about.get("zero_depth_mm"), np.size(record.arrays.get("time", ((),))[0])
     check(
@@ -149,7 +150,8 @@ def _recorded_run(file: Path, record: RunRecord, name: str) -> DrawnRun:
 
 
 def run_figure(title: str, runs: Sequence[DrawnRun | ScenarioRun]) -> Figure:
-    """References, true and seen positions of each axis, and the currents, over time.
+    """References, true and seen positions of each axis, and the currents, over time; of a body that moves mainly in x
+    and y also its path in the plane, on the right.
 
     Above stands what the data say (`run_message`), then the title. Readings below half a millimetre are in micrometres.
 
@@ -168,8 +170,13 @@ def run_figure(title: str, runs: Sequence[DrawnRun | ScenarioRun]) -> Figure:
         The figure.
     """
     drawn = [drawn_run(run) if isinstance(run, ScenarioRun) else run for run in runs]
-    with new_figure((8.0, 7.6)) as figure:
-        *places, lowest = figure.subplots(4, 1, sharex=True)
+    plane = _in_a_plane(drawn)
+    with new_figure((12.0 if plane else 8.0, 7.6)) as figure:
+        grid = figure.add_gridspec(4, 2 if plane else 1, width_ratios=(1.5, 1.0) if plane else None)
+        first = figure.add_subplot(grid[0, 0])
+        *places, lowest = first, *(figure.add_subplot(grid[row, 0], sharex=first) for row in range(1, 4))
+        for axis in places:
+            axis.tick_params(labelbottom=False)
         for k, axis in enumerate(places):
             factor, unit = _scale(drawn, k)
             _draw_readings(axis, drawn, k, factor)
@@ -182,6 +189,8 @@ def run_figure(title: str, runs: Sequence[DrawnRun | ScenarioRun]) -> Figure:
         lowest.set(xlabel="time, s", ylabel="currents, A")
         if lowest.get_legend_handles_labels()[1]:
             lowest.legend(**_ABOVE)
+        if plane:
+            _draw_path(figure.add_subplot(grid[:3, 1]), drawn)
         _add_values(figure, drawn)
         add_heading(places[0], run_message(drawn), title)
     return figure
@@ -193,7 +202,7 @@ def _values(run: DrawnRun) -> tuple[str, ...]:
 
 
 def _look_of_values(number: int) -> dict[str, Any]:
-    """Colour, and where the colours are used up also the kind of line, of the runs of one combination of values."""
+    """Colour of the runs with one combination of values, and also a line style when all colours are used."""
     return {
         "color": COLOURS[number % len(COLOURS)],
         "linestyle": _LINES[number // len(COLOURS) % len(_LINES)],
@@ -216,7 +225,7 @@ def _add_values(figure: Figure, runs: Sequence[DrawnRun]) -> None:
 
 
 def run_message(runs: Sequence[DrawnRun]) -> str:
-    """What runs show, from their readings: how far and how fast a step was followed, or how well a place was held."""
+    """Result of the runs from their readings: overshoot and settling of a step, or the largest error at rest."""
     ended = sum(bool(run["event"]) for run in runs)
     steps = [_step_of(run) for run in runs]
     if len(runs) > 1:
@@ -240,7 +249,7 @@ def run_message(runs: Sequence[DrawnRun]) -> str:
 
 
 def _step_of(run: DrawnRun) -> tuple[int, int, float] | None:
-    """Axis, sample and size, mm, of the one step of a reference; None where there is none, or several."""
+    """Axis, sample and size, mm, of the only step of a reference; None if there is none or more than one."""
     steps = run["wanted"][-1] - run["wanted"][0]
     axis = int(np.argmax(np.abs(steps)))
     moves = np.flatnonzero(np.abs(np.diff(run["wanted"][:, axis])) > 1e-9)
@@ -252,7 +261,7 @@ def _step_in_words(axis: int, start: int, step: float) -> str:
 
 
 def _off(run: DrawnRun, axis: int, start: int, step: float) -> Array:
-    """Readings after a step less what is wanted, over the step."""
+    """Readings after a step less the reference, over the step."""
     return np.asarray((run["true"][start:, axis] - run["wanted"][-1, axis]) / step)
 
 
@@ -269,12 +278,12 @@ def _arrival(run: DrawnRun, axis: int, start: int, step: float) -> str:
 
 
 def _largest_error(run: DrawnRun) -> float:
-    """Of the true readings, in any direction, mm."""
+    """Largest distance of the true readings from the reference, mm."""
     return float(np.linalg.norm(run["true"] - run["wanted"], axis=1).max())
 
 
 def _length(millimetres: float) -> str:
-    """To two digits, in a unit that fits.
+    """A length to two digits, in a unit that fits.
 
     >>> _length(0.0123), _length(1.0)
     ('12 µm', '1 mm')
@@ -290,17 +299,46 @@ def _scale(runs: Sequence[DrawnRun], axis: int) -> tuple[float, str]:
     return (1e3, "µm") if 0.0 < largest < _SMALL else (1.0, "mm")
 
 
+def _look_of_true(runs: Sequence[DrawnRun]) -> list[dict[str, Any]]:
+    """Of the lines of true positions, one for each run."""
+    varied = list(dict.fromkeys(_values(run) for run in runs))
+    thin = len(runs) > (_FEW if len(varied) > 1 else 1)
+    look: dict[str, Any] = {"linewidth": 0.8, "alpha": 0.6} if thin else {"linewidth": 1.2, "color": _TRUE}
+    numbers = [varied.index(_values(run)) for run in runs]
+    return [look | (_look_of_values(number) if len(varied) > 1 else {}) for number in numbers]
+
+
+def _asked(runs: Sequence[DrawnRun]) -> list[DrawnRun]:
+    """A run for each reference: values that vary may be those of the start or of the reference."""
+    return list({run["wanted"].tobytes(): run for run in runs}.values())
+
+
+def _in_a_plane(runs: Sequence[DrawnRun]) -> bool:
+    """Whether the references go to and fro in x and in y, and in the depth less; where none moves, the bodies."""
+    asked = np.max([np.ptp(run["wanted"], axis=0) for run in runs], axis=0)
+    moved = np.max([np.ptp(run["true"], axis=0) for run in runs], axis=0)
+    x, y, depth = asked if asked.max() > 1e-9 else moved * (moved > _SMALL)
+    return bool(min(x, y) > max(depth, _LEAST_SIDE * max(x, y)))
+
+
+def _draw_path(axis: Axes, runs: Sequence[DrawnRun]) -> None:
+    """x and y of the true positions and of the references, from a dot at the start, both in one unit and scale."""
+    factor, unit = min(_scale(runs, 0), _scale(runs, 1))
+    for run, look in zip(runs, _look_of_true(runs), strict=True):
+        x, y, _ = factor * run["true"].T
+        axis.plot(x, y, label="true", **look)
+        axis.plot(x[:1], y[:1], "o", color=look.get("color", INK), markersize=5, label="start")
+    for run in _asked(runs):
+        x, y, _ = factor * run["wanted"].T
+        axis.plot(x, y, label="reference", **_ASKED)
+    axis.set(xlabel=f"x, {unit}", ylabel=f"y, {unit}", aspect="equal")
+    axis.set_title("path from the dot", loc="left")
+
+
 def _draw_readings(axis: Axes, runs: Sequence[DrawnRun], k: int, factor: float) -> None:
     """One coordinate: of one run what the sensor says, the truth and a log; of several the truth of each."""
     many = len(runs) > 1
-    varied = list(dict.fromkeys(_values(run) for run in runs))
-    for run in runs:
-        thin = len(runs) > (_FEW if len(varied) > 1 else 1)
-        look: dict[str, Any] = (
-            {"linewidth": 0.8, "alpha": 0.6} if thin else {"linewidth": 1.2, "color": _TRUE}
-        )
-        if len(varied) > 1:
-            look |= _look_of_values(varied.index(_values(run)))
+    for run, look in zip(runs, _look_of_true(runs), strict=True):
         if not many:
             axis.plot(run["time"], factor * run["seen"][:, k], color="0.75", linewidth=0.6, label="sensor")
         axis.plot(run["time"], factor * run["true"][:, k], label="true", **look)
@@ -309,13 +347,11 @@ def _draw_readings(axis: Axes, runs: Sequence[DrawnRun], k: int, factor: float) 
             values = factor * log.signals[MEASURED_AXES[k]].measured
             axis.plot(log.time, values, color=_MEASURED, linewidth=0.8, label="measured")
         if run["event"] and k == 2:
-            # Above the panel, where no line is.
+            # Above the panel, away from the lines.
             at = (run["time"][-1], 1.02)
             axis.annotate(run["event"], at, xycoords=("data", "axes fraction"), fontsize=8, ha="right")
-    # Values that vary may be those of the start or of the reference.
-    for run in {run["wanted"].tobytes(): run for run in runs}.values():
-        wanted = factor * run["wanted"][:, k]
-        axis.plot(run["time"], wanted, label="reference", **_ASKED)
+    for run in _asked(runs):
+        axis.plot(run["time"], factor * run["wanted"][:, k], label="reference", **_ASKED)
 
 
 def _draw_currents(axis: Axes, runs: Sequence[DrawnRun]) -> None:
@@ -323,7 +359,7 @@ def _draw_currents(axis: Axes, runs: Sequence[DrawnRun]) -> None:
     varied keys have their colours, and kinds of lines for the coils."""
     varied = list(dict.fromkeys(_values(run) for run in runs))
     if len(varied) > 1:
-        # The roughest first: what is drawn over it is seen.
+        # The roughest run is drawn first, so that it does not hide others.
         for run in sorted(runs, key=_roughness, reverse=True):
             look = {"color": _look_of_values(varied.index(_values(run)))["color"], "linewidth": 0.8}
             for number, coils in enumerate(_alike(run["currents"])):
@@ -351,7 +387,7 @@ def _roughness(run: DrawnRun) -> float:
 
 
 def _alike(currents: Array) -> list[list[int]]:
-    """Coils that have one current; of curves that lie on each other only one would be seen."""
+    """Groups of coils with equal currents, whose curves would hide each other."""
     near = _SAME * np.abs(currents).max(initial=0.0)
     return grouped(
         range(currents.shape[1]),

@@ -13,7 +13,7 @@ from fieldmap.plot.words import decimals_of, fixed, label_step, round_numbers
 from fieldmap.typing import Array
 
 COLOUR_MAP: Final = "viridis"
-# A line break below the title keeps it off the highest label.
+# A line break after the title separates it from the highest label.
 _BAR: dict[str, Any] = {
     "vertical": True,
     "height": 0.5,
@@ -44,14 +44,14 @@ def add_coloured(
 ) -> pv.Actor:
     """Draw the data `title` of a mesh in colour, with a bar.
 
-    scale: from `colour_bar` or `colour_bar_by_decades`; about all of the data unless given. look: of add_mesh.
+    scale: from `colour_bar` or `colour_bar_by_decades`; by default for all data. look: options of add_mesh.
     """
     chosen = scale or colour_bar(title, mesh[title])
     return scene.add_mesh(mesh, scalars=title, cmap=COLOUR_MAP, **chosen, **look)
 
 
 def colour_bar_by_decades(title: str, values: ArrayLike) -> dict[str, Any]:
-    """The same for positive values over several powers of ten."""
+    """`clim` and `scalar_bar_args` of a logarithmic scale, for positive values."""
     low, high = np.log10([np.min(values), np.max(values)])
     first, last = int(np.floor(low)), max(int(np.ceil(high)), int(np.floor(low)) + 1)
     bar = _BAR | {"title": f"{title}\n", "fmt": "%g", "n_labels": last - first + 1}
@@ -72,13 +72,13 @@ def add_rulers(
 ) -> None:
     """Rule the scene: x along the lower front edge, y along the lower right one, z along the left front one.
 
-    titles: of the three axes. spread: how far off the labels stand, above 1 for small windows. stretch: how many times
-    as long as it is each axis is drawn. Front is the side of smallest y. Call it last: the box is that of all drawn so
-    far.
+    titles: of the three axes. spread: factor of the distance of the labels, above 1 for small windows. stretch: factor
+    by which each axis is drawn longer. Front is the side of smallest y. Call it last, because the rulers enclose
+    everything drawn so far.
     """
     low, high = extent(scene).T
     size = float((high - low).max())
-    # A little air between the ruler and what it measures.
+    # A margin between the rulers and the scene.
     low, high = low - 0.04 * size, high + 0.04 * size
     down, right, left = -np.eye(3)[2], np.eye(3)[0], -np.eye(3)[0]
     front = np.array([high[0], low[1], low[2]])
@@ -88,7 +88,7 @@ def add_rulers(
         _add_ruler(scene, titles[axis], axis, corner, high[axis], size * outward, *look)
 
 
-# How the words of each axis lie at their places: those of y begin there, those of z end there, off the lines.
+# Alignment of the labels of each axis at their positions, and their distance from the lines.
 _ALIGNED: tuple[Aligned, ...] = ("center", "left", "right")
 _OFF = (0.035, 0.018, 0.018)
 
@@ -109,7 +109,7 @@ def _add_ruler(
         point[axis] = value + distance * outward[axis]
         return point
 
-    # Short sides get finer steps, or they would carry one label.
+    # Short sides get finer steps, because they would otherwise have only one label.
     size = float(np.linalg.norm(outward))
     step = label_step(max(end - corner[axis], size / 2) / stretch)
     values = round_numbers(corner[axis] / stretch, end / stretch, step)
@@ -120,7 +120,7 @@ def _add_ruler(
     words = [fixed(value, decimals_of(step)) for value in values]
     places = [at(stretch * value, _OFF[axis] * spread) for value in values]
     add_labels(scene, places, words, font_size, _ALIGNED[axis])
-    # Along x the title would meet the labels of y, and along y those of y itself: beside the middle.
+    # The titles of x and y are beside the middle of the edge, away from the labels of y.
     middle = 0.5 * (corner[axis] + end)
     beside = (at(middle, 0.085 * spread), at(middle, 0.15 * spread), at(end + 0.06 * spread * size, 0.0))
     title += f"\nstretched {stretch:g} times" if stretch != 1.0 else ""
@@ -135,14 +135,14 @@ def add_words(
     Parameters
     ----------
     words : lines.
-    at : place of their left edge, in shares of width and height: of the top in the upper half, of the bottom below.
+    at : upper left corner in the upper half of the picture, lower left corner below; shares of width and height.
     font_size : pixels.
     name : words of the same name are replaced.
     """
     actor = scene.add_text(
         words, position=at, viewport=True, font_size=font_size, color=INK, name=name, render=False
     )
-    # VTK puts the lines so near to each other that they touch.
+    # With VTK's default spacing the lines touch.
     actor.prop.SetLineSpacing(1.25)
     if at[1] > 0.5:
         actor.prop.SetVerticalJustificationToTop()
@@ -151,7 +151,7 @@ def add_words(
 def add_labels(
     scene: pv.Plotter, places: list[Array], words: list[str], font_size: int, aligned: Aligned = "center"
 ) -> None:
-    """Words at places (3,), drawn over everything; aligned: "left" where they begin there, "right" where they end."""
+    """Words at points (3,), drawn over everything. aligned: "left" if words begin at the point, "right" if they end."""
     scene.add_point_labels(
         np.array(places),
         words,

@@ -14,6 +14,7 @@ import numpy as np
 import pyvista as pv
 
 from fieldmap.arguments import check_choice, raise_all
+from fieldmap.device.payload import Magnet, shape_text
 from fieldmap.extras import require
 from fieldmap.plot import field_scenes, forces
 from fieldmap.plot.animation import add_path
@@ -22,7 +23,7 @@ from fieldmap.plot.picture import FROM_ABOVE, look_at
 from fieldmap.plot.rendering import new_scene
 from fieldmap.plot.scales import AS_THEY_ARE, MILLIMETRES, add_rulers, add_words
 from fieldmap.plot.shown import Shown
-from fieldmap.plot.solids import box_edges, extent
+from fieldmap.plot.solids import box_edges, extent, payload_surface
 from fieldmap.plot.style import INK, save_screenshot
 from fieldmap.records import Record
 from fieldmap.store.output_formats import output_problems
@@ -33,12 +34,26 @@ WINDOW = (1500, 1200)
 FORMATS = (".png", ".html", ".vtm")
 MOVIES = (".gif", ".mp4")
 Axes: TypeAlias = tuple[tuple[str, str, str], Sequence[float]]
-"""Titles of three axes, and how many times as long as it is each is drawn."""
+"""Titles of three axes, and the factor by which each axis is stretched."""
 
 
 def _device(scene: pv.Plotter, shown: Shown, _: str) -> None:
     assert shown.device is not None
-    device_scene(shown.device, magnet_at=shown.equilibrium, axes=False, plotter=scene)
+    device_scene(shown.device, magnet_at=shown.payload_at, axes=False, plotter=scene)
+
+
+def _payload_in_words(shown: Shown) -> str:
+    """Where a picture of a device shows the payload, and what its arrows mean; empty where it shows none."""
+    payload = None if shown.device is None else shown.device.payload
+    if payload is None or shown.payload_at is None or payload_surface(payload) is None:
+        return ""
+    shapes = [piece.shape for piece in payload.pieces]
+    if payload.magnet is not None:
+        shapes.append(payload.magnet)
+    what = "payload" if len(shapes) > 1 else shape_text(shapes[0])
+    where = "in balance" if shown.equilibrium is not None else "in the middle of the workspace"
+    magnets = sum(isinstance(shape, Magnet) for shape in shapes)
+    return f"{what} {where}{('', '; red arrow: its moment', '; red arrows: moments of its magnets')[min(magnets, 2)]}"
 
 
 def _lines(scene: pv.Plotter, shown: Shown, _: str) -> None:
@@ -52,13 +67,14 @@ def _lines(scene: pv.Plotter, shown: Shown, _: str) -> None:
 class Scene(Record):
     """A scene: the function that draws it, and the fields of `Shown` that it needs.
 
-    quantities: it shows one of these, the first by default. legend: what arrows and lines mean for the first quantity.
+    quantities: it shows one of these, the first by default. legend: what arrows and lines mean for the first quantity,
+    or what says so of what is shown.
     boxed: whether the edges of the field's box are drawn.
     """
 
     draw: Callable[[pv.Plotter, Shown, str], None]
     needs: tuple[str, ...]
-    legend: str = ""
+    legend: str | Callable[[Shown], str] = ""
     quantities: tuple[str, ...] = tuple(field_scenes.QUANTITIES)
     boxed: bool = True
 
@@ -68,7 +84,7 @@ _IN_BALANCE = "red: the magnet in balance; arrows: magnetic force and weight tog
 _PATH = "red: outline of the magnet at the end; black: the path that was asked for"
 _FIELD = ("field", "lower")
 SCENES: dict[str, Scene] = {
-    "device": Scene(_device, ("device",), boxed=False),
+    "device": Scene(_device, ("device",), _payload_in_words, boxed=False),
     "mesh": Scene(field_scenes.add_mesh, ("mesh",), boxed=False),
     "iron": Scene(field_scenes.add_iron_field, ("mesh",), boxed=False),
     "lines": Scene(_lines, _FIELD),
@@ -96,11 +112,11 @@ def make_scene(
     Parameters
     ----------
     shown
-        Everything that scenes may draw.
+        Contents of the scene.
     what
         One of SCENES.
     quantity
-        One of the quantities of the scene, the first unless given.
+        One of the quantities of the scene; by default the first.
     off_screen
         Whether to draw without a window.
     window
@@ -130,15 +146,13 @@ def make_scene(
         look_at(scene, extent(scene), margin=0.4, view=FROM_ABOVE)
     else:
         look_at(scene, extent(scene), margin=0.3)
-    legend = asked.legend if chosen == asked.quantities[0] else ""
-    words = f"{shown.title}\n{legend}".rstrip()
-    add_words(scene, words, (0.02, 0.985))
+    add_words(scene, scene_words(what, chosen, shown), (0.02, 0.985))
     scene.enable_anti_aliasing("ssaa")
     return scene
 
 
 def drawn_ranges(scene: pv.Plotter) -> dict[str, list[float]]:
-    """Smallest and largest value of each quantity that is shown by colour, by its title with unit."""
+    """Smallest and largest value of each quantity shown as colour, by its title with unit."""
     ranges: dict[str, list[float]] = {}
     for actor in scene.actors.values():
         if not isinstance(actor, pv.Actor) or not actor.mapper.scalar_visibility:
@@ -158,8 +172,15 @@ def check_scene(what: str, quantity: str = "") -> str:
     return check_choice("quantity", quantity or known[0], known)
 
 
+def scene_words(what: str, quantity: str, shown: Shown) -> str:
+    """Title of what is shown, and below it what arrows and lines of the scene mean."""
+    asked = SCENES[what]
+    legend = asked.legend(shown) if callable(asked.legend) else asked.legend
+    return f"{shown.title}\n{legend if quantity in ('', asked.quantities[0]) else ''}".rstrip()
+
+
 def axes_of(what: str, quantity: str, shown: Shown) -> Axes:
-    """Of a scene; those of "reachable" depend on what is shown."""
+    """Axes of a scene; for "reachable" they depend on the set."""
     if what == "reachable" and shown.reachable is not None:
         return forces.reachable_axes(shown.reachable)
     return (forces.shift_titles(quantity or "x") if what == "shift" else MILLIMETRES), AS_THEY_ARE
@@ -177,7 +198,7 @@ def save_scene(
     path
         Ends in .png (a picture), .html (a page that turns the scene in a browser) or .vtm (for ParaView).
     title
-        Title of the page (.html).
+        Title of the page (.html), of one or several lines.
     axes
         Of the page (.html), from `axes_of`.
 
@@ -201,7 +222,7 @@ def save_scene(
         datasets = [actor.mapper.dataset for actor in scene.actors.values() if isinstance(actor, pv.Actor)]
         raise_all(output_problems(str(target), target, ["ParaView scene"]))
         target.parent.mkdir(parents=True, exist_ok=True)
-        # Not under another name first: the pieces lie in a folder of the file's name.
+        # Not written under a temporary name, because the folder of the pieces has the name of the file.
         pv.MultiBlock(datasets).save(target)
     return target
 
@@ -211,7 +232,7 @@ def check_format(path: Path, formats: tuple[str, ...] = FORMATS) -> None:
     check_choice("save", path.suffix, formats)
 
 
-# The viewer empties the page's body, so the words are put after the body by the style sheet.
+# The viewer clears the body of the page, so the style sheet adds the words after the body.
 _HEAD = """<title>{title}</title><style>body::after {{ content: "{words}"; white-space: pre; position: fixed;
 left: 1em; top: .6em; z-index: 99; color: #22282e; font: 15px system-ui, sans-serif; pointer-events: none; }}"""
 _HOW = "drag: turn; wheel: zoom; shift and drag: move"
@@ -220,10 +241,10 @@ _HOW = "drag: turn; wheel: zoom; shift and drag: move"
 def save_web_page(
     scene: pv.Plotter, path: PathLike, title: str = "", axes: Axes = (MILLIMETRES, AS_THEY_ARE)
 ) -> Path:
-    """Write the scene to an HTML file of some MB, with a line of text and titles of its axes.
+    """Write the scene to an HTML file of some MB, with lines of text and titles of its axes.
 
-    The viewer cannot show the labels of the rulers, so the viewer's own axes are added. Their numbers are those drawn:
-    of a stretched axis, multiples. Raises FieldmapError if trame-vtk is not installed.
+    The viewer cannot show the labels of the rulers, so the viewer's own axes are added. Numbers on a stretched axis are
+    multiplied by its factor. Raises FieldmapError if trame-vtk is not installed.
     """
     require("trame_vtk", "web", "fieldmap.plot.save_web_page", "save a .png")
     from trame_vtk.modules.vtk import serializers
@@ -239,7 +260,7 @@ def save_web_page(
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("index.json", json.dumps(_description(scene, serializers)))
     write_html(packed.getvalue(), page)
-    quoted = title.replace("\\", "").replace('"', "'").replace("<", " ")
+    quoted = title.replace("\\", "").replace('"', "'").replace("<", " ").replace("\n", "\\A ")
     head = _HEAD.format(title=html.escape(title), words=f"{quoted}\\A {_HOW}")
     # Replaces the viewer's own title.
     content = re.sub("<title>.*?</title>\\s*<style>", lambda _: head, page.getvalue(), count=1)
@@ -247,7 +268,7 @@ def save_web_page(
 
 
 def _description(scene: pv.Plotter, tools: Any) -> dict[str, Any]:
-    """The data that the viewer reads: the scene as JSON, and the arrays by the hashes that it names."""
+    """Data for the viewer: the scene as JSON, and the arrays by the hashes in it."""
     tools.initialize_serializers()
     context = tools.SynchronizationContext()
     context.set_ignore_last_dependencies(True)

@@ -1,4 +1,4 @@
-"""What a scene shows: a device, a field at given currents in a box, what was found in it, or a recorded run."""
+"""Contents of a scene: a device, a field at given currents in a box, results in the field, or a recorded run."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, eq=False, repr=False)
 class ShownRun(Record):
     """Signals of one run: time (r,), s; position of the centre of mass (r, 3), m; quaternion (r, 4), body to map, w
-    first; currents (r, n), A; wanted (r, 3): where the centre of mass should be, m. body: radius and height of a
-    cylinder about the centre of mass, m, or None. event: what ended it, or ""."""
+    first; currents (r, n), A; wanted (r, 3): reference of the centre of mass, m. body: radius and height of a cylinder
+    about the centre of mass, m, or None. event: the event that ended the run, or ""."""
 
     title: str
     device: Device
@@ -39,21 +39,20 @@ class ShownRun(Record):
     event: str
 
     def pose(self, k: int) -> Array:
-        """Matrix (4, 4) that puts the body, drawn about the origin in mm, where it was at sample k."""
+        """Matrix (4, 4) that moves the body, drawn about the origin in mm, to its pose at sample k."""
         turn = scipy.spatial.transform.Rotation.from_quat(self.quaternion[k], scalar_first=True)
         return pose(turn.as_matrix(), MM * self.position[k])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Shown(Record):
-    """Everything a scene may draw; what is None cannot be drawn.
+    """Everything that a scene may draw; None for contents that are missing.
 
-    title: a line of text for the picture. field: at currents (n_coils,), A; one that takes currents is taken at these.
-    lower, upper (3,): corners of the box, m. everywhere: the field also holds outside the box and inside iron (a
-    solution, not a map). flux_density (e, 3): of every element of the iron, T, and mesh: these elements. equilibrium:
-    position of the magnet's centre (3,), m, or None. surface: its equilibria over the direction signals. reachable:
-    forces or flux densities at one point. run: recorded.
-    assumptions: what the field rests on.
+    title: a line of text for the picture. field: at currents (n_coils,), A; a field of currents is fixed at these.
+    lower, upper (3,): corners of the box, m. everywhere: whether the field is also valid outside the box and inside
+    iron (a solution, not a map). flux_density (e, 3): of every element of the iron, T, and mesh: these elements.
+    equilibrium: position of the magnet's centre (3,), m, or None. surface: its equilibria over the direction signals.
+    reachable: forces or flux densities at one point. run: a recorded run. assumptions: of the field.
     """
 
     title: str
@@ -73,7 +72,7 @@ class Shown(Record):
     assumptions: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        # A field that takes currents, such as an opened map, is taken at those that are shown.
+        # A field of currents, such as an opened map, is fixed at the shown currents.
         if self.field is not None and not hasattr(self.field, "currents") and self.currents is not None:
             object.__setattr__(self, "field", as_field(self.field).at(self.currents))
         held = getattr(self.field, "currents", None)
@@ -83,7 +82,7 @@ class Shown(Record):
             raise InputError.of("Shown(currents)", "must be those of the field", received, remedy)
 
     def need(self, *names: str) -> None:
-        """Refuse what a scene needs and is None.
+        """Refuse missing contents.
 
         Parameters
         ----------
@@ -93,7 +92,7 @@ class Shown(Record):
         Raises
         ------
         InputError
-            For one that is None.
+            If one of them is None.
         """
         raise_all(
             Problem(
@@ -111,8 +110,17 @@ class Shown(Record):
         """Lower and upper corner (3,), m."""
         return np.asarray(self.lower, dtype=float), np.asarray(self.upper, dtype=float)
 
+    @property
+    def payload_at(self) -> Array | None:
+        """Where a picture of the device shows the payload (3,), m: in the equilibrium if it is known, else in the
+        middle of the workspace; None without either."""
+        if self.equilibrium is not None:
+            return self.equilibrium
+        space = None if self.device is None else self.device.workspace
+        return None if space is None else np.mean(space.bounds, axis=0)
+
     def flux_density_at(self, points: Array) -> Array:
-        """Flux density of what is shown.
+        """Flux density of the shown field.
 
         Parameters
         ----------
@@ -127,7 +135,7 @@ class Shown(Record):
         return np.asarray(self.state.field(points))
 
     def gradient_at(self, points: Array) -> Array:
-        """Gradient of what is shown.
+        """Gradient of the shown field.
 
         Parameters
         ----------
@@ -143,12 +151,12 @@ class Shown(Record):
 
     @property
     def state(self) -> FieldAtCurrents:
-        """The field at the currents that are shown."""
+        """The field at the shown currents."""
         assert isinstance(self.field, FieldAtCurrents)
         return self.field
 
     def to_dict(self) -> dict[str, Plain]:
-        """Title, currents, box, and what was found for the picture, as plain Python; nothing that was not found."""
+        """Title, currents, box, and all results that exist, as plain Python."""
         known: dict[str, object] = {
             "title": self.title,
             "currents": self.currents,

@@ -21,7 +21,7 @@ from fieldmap.plot.words import fitting_prefix, label_step
 from fieldmap.typing import Array
 
 _SHADED, _ARROWS = (61, 81), (9, 13)
-"""Points along the two axes of a slice: of what is coloured, and of the arrows."""
+"""Numbers of points along the two axes of a slice: for the colours, and for the arrows."""
 _ON_LINE = 201
 _COMPONENTS = ("Bx", "By", "Bz")
 _SENSED = ("place", "tilt", "singular value")
@@ -44,17 +44,17 @@ def field_slice(
     field
         Map, solution, coils, solved state, or a field of your own.
     currents
-        A, as `field.at` takes them; left out for a solved state, which holds its own.
+        Currents, A, as for `field.at`; not for a solved state, which has its own.
     normal
-        "x", "y" or "z", the axis that the plane is square to.
+        "x", "y" or "z", the axis normal to the plane.
     at
-        Where the plane crosses that axis, m; the middle of the box unless given.
+        Coordinate of the plane on that axis, m; by default the middle of the box.
     component
-        "Bx", "By" or "Bz"; the size of B unless given.
+        "Bx", "By" or "Bz"; by default the magnitude of B.
     bounds
-        Lower and upper corner (3,), m; the box of the field unless given.
+        Lower and upper corner (3,), m; by default the box of the field.
     ax
-        Where to draw; matplotlib's current Axes unless given.
+        Axes to draw into; by default matplotlib's current Axes.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def field_slice(
     Raises
     ------
     InputError
-        For a field without a box, or what is no axis, component or currents.
+        For a field without a box, and for an unknown axis or component, or wrong currents.
     """
     if component:
         check_choice("component", component, _COMPONENTS)
@@ -92,15 +92,15 @@ def force_slice(
     bounds: Bounds | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw the forces on an upright payload in a plane: lift over weight as colour, with a red line where the payload
-    is carried, and arrows of magnetic force and weight together.
+    """Draw the forces on an upright payload in a plane: lift over weight as colour, with a red line where the lift
+    carries the payload, and arrows of the sum of magnetic force and weight.
 
     Parameters
     ----------
     field, currents, normal, at, bounds, ax
         As for `field_slice`.
     payload
-        What is carried; its mass must be known.
+        The payload; its mass must be known.
 
     Returns
     -------
@@ -139,7 +139,7 @@ def sensing_slice(
     bounds: Bounds | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Draw how well field sensors tell the pose of an upright magnet whose centre lies in a plane.
+    """Draw the accuracy with which field sensors determine the pose of an upright magnet with its centre in a plane.
 
     Parameters
     ----------
@@ -151,7 +151,8 @@ def sensing_slice(
     normal, at, ax
         As for `field_slice`.
     bounds
-        Lower and upper corner (3,), m, for the centre of the magnet; where the magnet lies in the map unless given.
+        Lower and upper corner (3,), m, for the centre of the magnet; by default all positions with the magnet in the
+        map.
 
     Returns
     -------
@@ -161,7 +162,7 @@ def sensing_slice(
     Raises
     ------
     InputError
-        As `observability`, and for another word than those of `shows`.
+        As `observability`, and for another value of `shows`.
     OutsideMapError
         For bounds within which the magnet leaves the map.
     """
@@ -170,7 +171,7 @@ def sensing_slice(
     places, across = plane_of((lower, upper), normal, at, _SHADED)
     found = observability(field_map, body, places, deviation)
     shifts, turns = np.hsplit(found.deviations, 2)
-    # A roll that is seen nowhere is no tilt.
+    # A rotation that no sensor sees at any point, such as roll, does not count as tilt.
     turns = turns[:, np.isfinite(turns).any(axis=0)]
     values, label = {
         "place": (MM * shifts.max(axis=1), "deviation of the place (mm)"),
@@ -207,18 +208,17 @@ def field_along(
     start, end
         Ends of the line (3,), m.
     points
-        How many points are drawn.
+        Number of points.
 
     Returns
     -------
     Axes
-        The Axes: distance from the start in mm, or the coordinate along which the line runs; flux density in
-        mT.
+        The Axes: distance from the start, or the coordinate parallel to the line, in mm; flux density in mT.
 
     Raises
     ------
     InputError
-        For ends that are no points, and as `field.at`.
+        For ends that are not points, and as `field.at`.
     """
     source, amperes = resolve_currents(field, currents)
     ends = [checked_vectors(name, given)[0] for name, given in (("start", start), ("end", end))]
@@ -239,10 +239,10 @@ def field_along(
 def shade(
     ax: Axes, places: Array, values: Array, across: tuple[int, int], label: str, line: float | None = None
 ) -> None:
-    """Colour values (n,) at places of `plane_of`, with a bar of round numbers and a red line where told."""
+    """Draw values (n,) at points of `plane_of` as colour, with round numbers at the bar; and a red line at `line`."""
     x, y, shown = (one.reshape(_SHADED) for one in (*(MM * places[:, k] for k in across), values))
     largest = float(np.abs(values).max())
-    # Of a uniform field nothing but rounding is left of the span.
+    # The span of a uniform field is rounding.
     span = float(np.ptp(values))
     step = label_step(span if span > 1e-9 * largest else largest or 1.0)
     low, high = step * np.floor(values.min() / step), step * (np.floor(values.max() / step) + 1.0)
@@ -260,6 +260,6 @@ def shade(
 def _axes(ax: Axes | None) -> Axes:
     if ax is not None:
         return ax
-    from matplotlib import pyplot  # it chooses a window system: only where nobody said where to draw
+    from matplotlib import pyplot  # imported only without `ax`, because it selects a window system
 
     return pyplot.gca()

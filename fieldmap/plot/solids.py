@@ -20,14 +20,14 @@ from fieldmap.typing import Array
 
 SEGMENTS = 96
 ARC_SEGMENTS = 24
-# Of a turn, that the arrow of its current covers.
+# Share of a turn that the arrow of its current covers.
 _SHARE = 0.3
 
 
 def body_surface(device: model.Device, body: model.Body) -> pv.PolyData:
     """Surface of one body in the global frame, mm.
 
-    Parts that are only added are drawn as they are; a body with a cut or a STEP file is meshed first.
+    Parts without cuts are drawn directly; a body with a cut or a STEP file is meshed first.
     """
     parts = [(_local_surface(part.shape), part.placement) for part in body.parts if part.operation == "add"]
     simple = [placed(surface, placement) for surface, placement in parts if surface is not None]
@@ -49,7 +49,7 @@ def placed(surface: pv.PolyData, placement: model.Placement) -> pv.PolyData:
 
 
 def _local_surface(shape: model.Shape) -> pv.PolyData | None:
-    """The shape in its local frame, mm, or None where it is no simple one."""
+    """The shape in its local frame, mm, or None if it is not a simple shape."""
     match shape.primitive:
         case model.Cylinder(radius, height):
             return pv.Cylinder(
@@ -72,13 +72,13 @@ def _local_surface(shape: model.Shape) -> pv.PolyData | None:
             corners = np.column_stack([MM * points, np.zeros(len(points))])
             outline = pv.PolyData(corners, faces=[len(corners), *range(len(corners))]).triangulate()
             solid = outline.extrude((0, 0, MM * height), capping=True).triangulate().clean()
-            # Extrusion leaves sides and caps facing different ways.
+            # After the extrusion, the normals of sides and caps are not consistent.
             return solid.compute_normals(point_normals=False, auto_orient_normals=True)
     return None
 
 
 def box_edges(box: Bounds) -> pv.PolyData:
-    """The twelve edges of a box whose corners are given in m, mm."""
+    """The twelve edges, mm, of a box with corners in m."""
     return pv.Box(tuple(MM * np.column_stack(box).ravel())).extract_all_edges()
 
 
@@ -98,7 +98,7 @@ def sharp_edges(surface: pv.DataSet, angle: float = 35.0) -> pv.PolyData:
 
 
 def sensor_arrow(sensor: model.FieldSensor, length: float) -> pv.PolyData:
-    """An arrow along the axis of a field sensor, its tip the sensitive spot; global frame. length: mm."""
+    """An arrow along the axis of a field sensor, with its tip at the sensitive spot; global frame. length: mm."""
     along, facets = length * sensor.direction, ARC_SEGMENTS
     return pv.Arrow(
         start=MM * np.asarray(sensor.position) - along,
@@ -113,19 +113,19 @@ def sensor_arrow(sensor: model.FieldSensor, length: float) -> pv.PolyData:
 
 
 def extent(drawn: pv.DataSet | pv.Plotter) -> Array:
-    """Lower and upper end (3, 2) of a surface, or of all that a scene shows, mm."""
+    """Lower and upper end (3, 2) of a surface or of a whole scene, mm."""
     return np.array(drawn.bounds).reshape(3, 2)
 
 
 def payload_surface(payload: Payload) -> pv.PolyData | None:
-    """A payload's magnet, or all of its pieces, about its centre, upright, mm; None of a mere moment."""
+    """A payload's magnet, or all of its pieces, about its centre, upright, mm; None for a moment without a body."""
     if not payload.pieces:
         return magnet_surface(payload.magnet)
     return pv.merge([piece_surface(piece) for piece in payload.pieces]).extract_surface(algorithm=None)
 
 
 def piece_surface(piece: PayloadPiece) -> pv.PolyData:
-    """One piece of a payload where it stands about the centre, upright, mm."""
+    """One piece of a payload at its position about the centre, upright, mm."""
     shape = piece.shape
     if isinstance(shape, SoftBody):
         surface = pv.Sphere(radius=1.0)
@@ -137,7 +137,7 @@ def piece_surface(piece: PayloadPiece) -> pv.PolyData:
 
 
 def magnet_surface(magnet: Any) -> pv.PolyData | None:
-    """A payload's magnet about the origin, upright, mm; None where there is none."""
+    """A payload's magnet about the origin, upright, mm; None if there is none."""
     match magnet:
         case model.MagnetCylinder(diameter, height):
             return upright_cylinder(diameter / 2, height)
@@ -196,16 +196,16 @@ def current_arrow(coil: Coil, sense: float = 1.0) -> pv.PolyData:
 
 
 def name_place(coil: Coil, towards: tuple[float, float, float]) -> Array:
-    """Where the coil's name stands, (3,), global frame, mm: on the side of a viewer in the direction `towards`, above
-    the arrow, off the winding."""
+    """Position (3,) of the coil's name, global frame, mm: outside the winding, above the arrow, on the side of a viewer
+    in the direction `towards`."""
     loop, _ = _outside(coil, 2.0)
     around = placed(pv.PolyData(loop + [0.0, 0.0, 0.28 * MM * coil.height]), coil.placement).points
     return np.asarray(around[int(np.argmax(around @ np.array(towards)))])
 
 
 def _outside(coil: Coil, off: float) -> tuple[Array, int]:
-    """The turn (n, 3) that runs `off` mm outside of the winding at half its height, in the coil's frame, mm; and which
-    of its points is farthest from the z axis of the machine."""
+    """A turn (n, 3) at a distance of `off` mm outside the winding at half its height, in the coil's frame, mm; and the
+    number of its point farthest from the machine's z axis."""
     line, normal = middle_line(coil)
     gap = 0.5 * MM * coil.winding().thickness + off
     loop = np.column_stack([line + gap * normal, np.zeros(len(line))])
@@ -214,7 +214,7 @@ def _outside(coil: Coil, off: float) -> tuple[Array, int]:
 
 
 def _arc_about(loop: Array, middle: int, share: float) -> Array:
-    """The part of a closed line (n, 3) whose length is `share` of the whole, centred on point `middle`."""
+    """The part of a closed line (n, 3) with a share of its length, centred on point `middle`."""
     step = np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1)
     along = np.concatenate([[0.0], np.cumsum(step)])
     closed = np.vstack([loop, loop[:1]])

@@ -35,7 +35,7 @@ _COLUMNS = 3
 
 
 def save_study_plot(data: Any, path: PathLike) -> Path | None:
-    """Draw every summary without axes of its own of a study into a PNG file.
+    """Draw every scalar summary of a study into a PNG file.
 
     The first varied key is the abscissa, the second the colour, all others and the currents the line style;
     variants listed one by one stand side by side.
@@ -59,7 +59,7 @@ def save_study_plot(data: Any, path: PathLike) -> Path | None:
 
 
 def _is_something(data: Any, quantity: Quantity) -> bool:
-    """Whether there are numbers, and more than what rounding leaves."""
+    """Whether there are finite numbers larger than rounding errors."""
     values = quantity.printed[0] * data[quantity.name].values
     return bool((np.abs(values[np.isfinite(values)]) > 1e-6).any())
 
@@ -82,7 +82,7 @@ def study_figure(data: Any, shown: list[Quantity]) -> Figure:
 
 
 def study_message(data: Any, quantity: Quantity) -> str:
-    """Where the first summary is least, from its data."""
+    """Sentence with the variant at which the first summary is least."""
     values = quantity.printed[0] * data[quantity.name]
     if not bool(np.isfinite(values.values).any()):
         return ""
@@ -116,7 +116,7 @@ def _lines(data: Any, name: str, abscissa: str) -> Iterator[tuple[Any, Any, str,
     coloured = others[0] if len(others) > 1 else None
     styled = [axis for axis in others if axis != coloured]
     count = len(data[coloured]) if coloured else 1
-    # Perceptually uniform, without the light end that does not show on white.
+    # Perceptually uniform, without the light end, which is hardly visible on white.
     shades = colormaps["viridis"](np.linspace(0.0, 0.82, count))
     combinations = list(itertools.product(*(range(len(data[axis])) for axis in styled)))
     for j, places in enumerate(combinations):

@@ -1,9 +1,8 @@
-"""One look for all pictures, in a light and a dark scheme.
+"""One style for all pictures, in a light and a dark scheme.
 
-Figures are drawn in the light one (`figure.mplstyle` beside this file); the dark one puts other colours in the place of
-these, in the finished figure or scene, so that both show the same data. The variable FIELDMAP_PICTURES of the
-environment says what is saved: "light" (unless set), "dark", or "both", where the dark one gets a name that ends in
-`_dark`.
+Figures are drawn in the light scheme (`figure.mplstyle` in this folder). The dark scheme replaces the colours in the
+finished figure or scene, so that both show the same data. The environment variable FIELDMAP_PICTURES selects the saved
+schemes: "light" (the default), "dark", or "both", where the name of the dark picture ends in `_dark`.
 """
 
 import colorsys
@@ -37,13 +36,13 @@ STYLE: Final = "fieldmap.plot.figure"
 VARIABLE: Final = "FIELDMAP_PICTURES"
 SCHEMES: Final = ("light", "dark", "both")
 DARK: Final = "_dark"
-"""What the name of a dark picture beside a light one ends in."""
+"""End of the name of a dark picture, if the light one is saved, too."""
 INK, QUIET = "#22282e", "#6b737b"
-# Of the documentation's pages in the dark.
+# Colours of the documentation's pages in their dark scheme.
 DARK_PAPER, DARK_INK = "#1e2129", "#dfe3ea"
 COLOURS: Final = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#7F7F7F")
-"""Of series; the same as in figure.mplstyle."""
-# The same hues, lighter, so that thin lines are seen on the dark page and are still told apart.
+"""Colours of series; the same as in figure.mplstyle."""
+# The same hues, lighter, so that thin lines are visible and distinct on the dark page.
 _IN_THE_DARK: Final = dict(
     zip(
         (colour.lower() for colour in COLOURS),
@@ -51,7 +50,7 @@ _IN_THE_DARK: Final = dict(
         strict=True,
     )
 )
-# Of a heading: lines over the size of the letters, and the longest message of one line.
+# Heading: line height over font size, and largest number of characters of a message in one line.
 _TITLE_LINES, _MESSAGE_WIDTH = 1.45, 68
 _SATURATED = 0.12
 _LIGHTEST, _DARKEST = 0.92, 0.55
@@ -59,14 +58,14 @@ _LIGHTEST, _DARKEST = 0.92, 0.55
 
 @contextmanager
 def new_figure(size: tuple[float, float] | None = None) -> Iterator[Figure]:
-    """An empty figure, width and height in inches, to be filled within, in the style of all; without a size, in that of
-    the style. No window, no global state."""
+    """Context with an empty figure in the style of the package. size: width and height, inches; by default the size of
+    the style. Opens no window and uses no global state."""
     with style.context(STYLE):
         yield Figure(figsize=size)
 
 
 def add_heading(axes: Axes, message: str, title: str) -> None:
-    """Above axes: what the figure says, in bold, if it says anything, and below that its title."""
+    """Add a heading above axes: the message in bold, if there is one, and the title below it."""
     axes.set_title(title, loc="left", color=QUIET if message else INK)
     if not message:
         return
@@ -88,7 +87,7 @@ def add_heading(axes: Axes, message: str, title: str) -> None:
 
 
 def grouped(things: Iterable[Thing], same: Callable[[Thing, Thing], bool]) -> list[list[Thing]]:
-    """Things that are the same as the first of their group, in the order of the first ones.
+    """Groups of things that equal the first of their group, in the order of these first things.
 
     >>> grouped([1, 2, 11, 3, 12], lambda one, other: one % 10 == other % 10)
     [[1, 11], [2, 12], [3]]
@@ -104,14 +103,14 @@ def grouped(things: Iterable[Thing], same: Callable[[Thing, Thing], bool]) -> li
 
 
 def schemes() -> tuple[str, ...]:
-    """What is saved: "light", "dark" or both. Raises InputError for another value of FIELDMAP_PICTURES."""
+    """Saved schemes: "light", "dark" or both. Raises InputError for another value of FIELDMAP_PICTURES."""
     chosen = os.environ.get(VARIABLE, "") or "light"
     check_choice(VARIABLE, chosen, SCHEMES)
     return ("light", "dark") if chosen == "both" else (chosen,)
 
 
 def dark_path(path: PathLike) -> Path:
-    """Where the dark picture lies beside a light one.
+    """Path of the dark picture for the path of a light one.
 
     >>> dark_path("hold.png").name
     'hold_dark.png'
@@ -120,7 +119,7 @@ def dark_path(path: PathLike) -> Path:
 
 
 def save_figure(figure: Figure, path: PathLike, kind: str = "figure", **options: Any) -> Path:
-    """Save a figure in the schemes that are asked for.
+    """Save a figure in the schemes of FIELDMAP_PICTURES.
 
     Parameters
     ----------
@@ -129,7 +128,7 @@ def save_figure(figure: Figure, path: PathLike, kind: str = "figure", **options:
     path
         Path of the file.
     kind
-        Its format (`fieldmap.store.output_formats`): "drawn figure" replaces none of another program.
+        Format in `fieldmap.store.output_formats`: "drawn figure" replaces no figure of another program.
     **options
         Options of `Figure.savefig`.
 
@@ -143,7 +142,7 @@ def save_figure(figure: Figure, path: PathLike, kind: str = "figure", **options:
 
 
 def save_screenshot(scene: pv.Plotter, path: PathLike) -> Path:
-    """Save what a scene shows in the schemes that are asked for. Returns `path`."""
+    """Save a scene in the schemes of FIELDMAP_PICTURES. Returns `path`."""
 
     def save(target: Path) -> None:
         scene.render()
@@ -169,8 +168,8 @@ def _save(
 
 
 def dark_colour(colour: Any) -> tuple[float, float, float, float]:
-    """What stands for a colour on the dark page: of a series its partner, of grey the same distance from the paper, of
-    others the same hue, light enough to be seen.
+    """The colour of the dark scheme for a colour: the partner of a series' colour, grey at the same distance from the
+    paper, or the same hue, light enough to be visible.
 
     >>> to_hex(dark_colour("white")) == DARK_PAPER, to_hex(dark_colour(INK)) == DARK_INK
     (True, True)
@@ -192,9 +191,9 @@ def dark_colour(colour: Any) -> tuple[float, float, float, float]:
 
 @contextmanager
 def in_the_dark(figure: Figure) -> Iterator[None]:
-    """Within it a figure has the colours of the dark scheme.
+    """Context in which a figure has the colours of the dark scheme.
 
-    What is coloured by values keeps its colours, and so do arrows, which lie on such.
+    Artists coloured by values keep their colours, and so do arrows, which are drawn on them.
 
     Parameters
     ----------
@@ -216,11 +215,11 @@ _COLOURED: tuple[tuple[type[Artist], tuple[str, ...]], ...] = (
     (Patch, ("edgecolor", "facecolor")),
     (Collection, ("edgecolor", "facecolor")),
 )
-"""What has a colour of its own."""
+"""Artists with colours of their own, and the names of these colours."""
 
 
 def _recolour(artist: Artist) -> dict[str, Any]:
-    """Set the partner of each colour of an artist; the colours that it had."""
+    """Replace each colour of an artist by its dark partner. Returns the old colours."""
     if isinstance(artist, Quiver) or (isinstance(artist, Collection) and artist.get_array() is not None):
         return {}
     names = next((names for kind, names in _COLOURED if isinstance(artist, kind)), ())
@@ -234,7 +233,7 @@ def _recolour(artist: Artist) -> dict[str, Any]:
 
 @contextmanager
 def scene_in_the_dark(scene: pv.Plotter) -> Iterator[None]:
-    """Within it a scene lies on the dark paper with light words, rulers and edges; solids keep their colours.
+    """Context in which a scene has dark paper and light words, rulers and edges; solids keep their colours.
 
     Parameters
     ----------
@@ -267,10 +266,10 @@ def scene_in_the_dark(scene: pv.Plotter) -> Iterator[None]:
 
 
 def text_properties(scene: pv.Plotter) -> list[Any]:
-    """Those of all words in a scene: texts, labels, colour bars and sliders."""
+    """Text properties of all words in a scene: texts, labels, colour bars and sliders."""
     actors = [actor for renderer in scene.renderers for actor in renderer.actors.values()]
     found = [words for actor in [*actors, *scene.scalar_bars.values()] for words in _text_properties(actor)]
-    # Where pyvista keeps them changed with a release.
+    # The attribute of pyvista depends on its release.
     for slider in getattr(getattr(scene, "widgets", scene), "slider_widgets", ()):
         representation = slider.GetRepresentation()
         found += [representation.GetTitleProperty(), representation.GetLabelProperty()]
@@ -278,7 +277,7 @@ def text_properties(scene: pv.Plotter) -> list[Any]:
 
 
 def _text_properties(actor: Any) -> list[Any]:
-    """Of a text, a colour bar, or labels at points."""
+    """Text properties of a text, a colour bar, or labels at points."""
     holders = [actor]
     if not isinstance(actor, pv.Actor) and hasattr(actor, "GetMapper"):
         holders.append(actor.GetMapper())

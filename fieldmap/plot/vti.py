@@ -24,9 +24,9 @@ def write_vti(
     """Write a field as .vti: at fixed currents, or coil by coil per ampere.
 
     At fixed currents the arrays are `B_T` (n, 3) and `gradB_T_per_m` (n, 9), otherwise `B_COIL_T_per_A` and
-    `gradB_COIL_T_per_m_A` of every coil, and `B_no_current_T` and `gradB_no_current_T_per_m` of what no current drives,
-    if there is such a field. Lengths in m. The field data say which device, frame and currents it is.
-    The file appears complete or not at all.
+    `gradB_COIL_T_per_m_A` of every coil, and `B_no_current_T` and `gradB_no_current_T_per_m` of a constant field, if
+    there is one. Lengths in m. The field data have the device, the frame and the currents.
+    The file is written completely or not at all.
 
     Parameters
     ----------
@@ -37,9 +37,9 @@ def write_vti(
     currents
         (n_coils,), A; coil by coil unless given.
     spacing
-        How far apart nodes lie at most, m; a field without nodes of its own needs it.
+        Largest distance of nodes, m; required for a field without nodes.
     device
-        Its name, where the field is no map that records it.
+        Name of the device, if the field is not a map that records it.
 
     Returns
     -------
@@ -52,13 +52,13 @@ def write_vti(
         For currents that do not fit, for saturating iron without any, and for a path that does not end in .vti or
         cannot be written.
     """
-    # Before the field is sampled.
+    # Checked before the field is sampled.
     raise_all(output_problems(str(path), path, ["VTK image data"]))
     return save_grid(map_image(field, currents, spacing, device), path, "VTK image data")
 
 
 def save_grid(grid: pv.DataSet, path: PathLike, kind: str) -> Path:
-    """Write a grid as VTK's XML of this format, whole or not at all."""
+    """Write a grid as VTK's XML of this format, completely or not at all."""
     with whole_file(path, kind) as partial:
         grid.save(partial)
     return Path(path)
@@ -67,7 +67,7 @@ def save_grid(grid: pv.DataSet, path: PathLike, kind: str) -> Path:
 def map_image(
     field: AnyField, currents: ArrayLike | None = None, spacing: float | None = None, device: str = ""
 ) -> pv.ImageData:
-    """What `write_vti` writes, as pyvista.ImageData.
+    """The data of `write_vti` as pyvista.ImageData.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def map_image(
     samples = sample(field, currents, spacing, device)
     grid = samples.grid
     image = pv.ImageData(dimensions=grid.shape, spacing=tuple(grid.spacing), origin=tuple(grid.lower))
-    # Ours counts z fastest, VTK x.
+    # The fastest index is z here and x in VTK.
     order = np.arange(grid.size).reshape(grid.shape).ravel(order="F")
     flux, slope = samples.flux_density, samples.gradient
     if samples.currents is None:

@@ -20,11 +20,11 @@ def write_vtu(state: SolvedState, path: PathLike, device: Device | None = None) 
     """Write the iron and magnets of a solved state as .vtu; lengths in m.
 
     Cell data, means of every tetrahedron: `B_T`, `J_T` (polarisation B - mu0 H) and `H_A_per_m`, (e, 3);
-    `mu_r`, |B| over mu0 |H|, where saturation is seen (of a magnet it is no permeability); `body`, its
-    number. With the device of the state also `permeability_loss`, 1 - mu_r / mu_r(H = 0): 0 where the iron is
-    as permeable as at no field, 1 where all is lost, negative at the foot of curves along which permeability
-    rises first, NaN in magnets and flux barriers. Field data: `body NAME`, the number of each body, and
-    `currents_A`. The file appears complete or not at all.
+    `mu_r`, |B| over mu0 |H|, which shows saturation (not a permeability in magnets); `body`, its number. With the
+    device of the state also `permeability_loss`, 1 - mu_r / mu_r(H = 0): 0 for the initial permeability, 1 for
+    complete saturation, negative at the foot of curves where the permeability first rises, NaN in magnets and flux
+    barriers. Field data: `body NAME`, the number of each body, and `currents_A`. The file is written completely or
+    not at all.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def write_xdmf(state: SolvedState, path: PathLike, device: Device | None = None)
 
 
 def iron_grid(state: SolvedState, device: Device | None = None) -> pv.UnstructuredGrid:
-    """The same as pyvista.UnstructuredGrid. Raises InputError as `write_vtu`."""
+    """The data of `write_vtu` as pyvista.UnstructuredGrid. Raises InputError as `write_vtu`."""
     mesh, iron = _solved(state, "write_vtu")
     grid = pv.UnstructuredGrid({pv.CellType.TETRA: mesh.tets}, mesh.points)
     flux = state.element_flux_density
@@ -127,7 +127,7 @@ def iron_grid(state: SolvedState, device: Device | None = None) -> pv.Unstructur
     if device is not None:
         grid.cell_data["permeability_loss"] = 1 - mu_r / _initial(device, mesh)[mesh.body]
     grid.cell_data["body"] = mesh.body
-    # Numbers: meshio reads no file with texts.
+    # Numbers, because meshio cannot read texts.
     for number, name in enumerate(mesh.body_names):
         grid.field_data[f"body {name}"] = [number]
     grid.field_data["currents_A"] = state.currents
@@ -154,7 +154,7 @@ def _solved(state: SolvedState, where: str) -> tuple[IronMesh, IronState]:
 
 
 def _initial(device: Device, mesh: IronMesh) -> Array:
-    """mu_r at H = 0 of the bodies, NaN of what is no iron."""
+    """mu_r at H = 0 of the bodies; NaN for bodies that are not iron."""
     names = mesh.iron_names
     materials = {body.name: device.materials[body.material] for body in device.bodies}
     if set(materials) != set(names):

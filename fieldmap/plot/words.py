@@ -1,4 +1,4 @@
-"""Numbers with their units, for people."""
+"""Numbers with their units as text."""
 
 import numpy as np
 
@@ -21,7 +21,7 @@ def fitting_prefix(largest: float) -> tuple[str, float]:
 
 
 def fixed(value: float, decimals: int) -> str:
-    """A number with so many decimals, never -0."""
+    """A number with a number of decimals, never -0."""
     return f"{round(float(value), decimals) + 0.0:.{decimals}f}"
 
 
@@ -59,7 +59,7 @@ def force_in_words(force: Array) -> str:
 
 
 def unit_in_words(unit: str) -> str:
-    """A unit of studies as figures have it; "" of a plain number.
+    """A unit of studies as written in figures; "" for a plain number.
 
     >>> unit_in_words("mm2"), unit_in_words("A"), unit_in_words("1")
     ('mm²', 'A', '')
@@ -68,7 +68,7 @@ def unit_in_words(unit: str) -> str:
 
 
 def with_unit(name: str, unit: str) -> str:
-    """A label for an axis; of a plain number it has no unit.
+    """A label of an axis, without a unit for plain numbers.
 
     >>> with_unit("radius", "mm"), with_unit("share", "1")
     ('radius (mm)', 'share')
@@ -78,7 +78,7 @@ def with_unit(name: str, unit: str) -> str:
 
 
 def label_step(span: float) -> float:
-    """Distance of labels: 1, 2 or 5 times a power of ten, at most some six to a span.
+    """Distance of labels: 1, 2 or 5 times a power of ten, with about six labels in a span at most.
 
     >>> label_step(511.0)
     100.0
@@ -94,7 +94,7 @@ def round_numbers(low: float, high: float, step: float) -> Array:
 
 
 def decimals_of(step: float) -> int:
-    """How many decimals multiples of a step need.
+    """Number of decimals of the multiples of a step.
 
     >>> decimals_of(0.05), decimals_of(20.0)
     (2, 0)

@@ -5,7 +5,7 @@ Windings and magnetised tetrahedra as objects of magpylib: `fieldmap.sources.mag
 
 from fieldmap.extras import needs
 
-# As in fieldmap.iron: told here for all modules.
+# As in fieldmap.iron: without scipy, this import raises one error for all modules.
 with needs("make", "fieldmap.sources"):
     import scipy
 

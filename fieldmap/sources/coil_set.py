@@ -49,7 +49,7 @@ class CoilSet(Field):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What the field rests on."""
+        """The assumptions of the field, in words."""
         return ("coils in air, uniform current density over each winding's section",)
 
     def field(self, points: ArrayLike, currents: Currents) -> Array:
@@ -85,7 +85,7 @@ class CoilSet(Field):
         unit: Callable[[Coil, Array], Array],
         shape: tuple[int, ...],
     ) -> Array:
-        """Sum of what every coil has per ampere at points, of this shape at each."""
+        """Sum over the coils of current times unit(coil, points), of this shape at each point."""
         x = checked_points(points, "points")
         amperes = coil_currents(currents, self.coil_names, len(x))
         total = np.zeros((len(x), *shape))

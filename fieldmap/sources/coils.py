@@ -28,8 +28,8 @@ def unit_flux_density(coil: Coil, points: ArrayLike, digits: float = 10.0) -> Ar
     points
         Positions (n, 3) or (3,) in the frame of the device, m.
     digits
-        Decimal digits wanted, 4 to 14, at any distance of a micrometre or more from the winding's surface; on
-        it nine are had.
+        Decimal digits wanted, 4 to 14, at any distance of a micrometre or more from the winding's surface;
+        nine are reached on the surface.
 
     Returns
     -------
@@ -124,7 +124,7 @@ def unit_flux_density_and_gradient(
 
 
 def _is_upright(coil: Coil) -> bool:
-    """Nothing to turn: the usual case, and turning small matrices costs as much as the field."""
+    """Whether the coil is not rotated: the usual case, in which a rotation would cost as much as the field."""
     return bool(np.array_equal(coil.placement.rotation, np.eye(3)))
 
 

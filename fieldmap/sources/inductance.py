@@ -20,7 +20,7 @@ def bare_inductance(coils: Sequence[Coil]) -> Array:
     """Inductance matrix of coils without iron, turns and polarity included.
 
     Self-inductance: flux of the closed-form field through the turns, docs/theory/forces.md (8). Mutual
-    inductance: Neumann's double integral over both windings, (9), of loops and polylines the line integral of
+    inductance: Neumann's double integral over both windings, (9); for loops and polylines the line integral of
     their vector potential. Good to about 1e-4.
 
     Parameters
@@ -66,7 +66,7 @@ def bare_inductance(coils: Sequence[Coil]) -> Array:
 
 
 def mutual_inductance(one: Coil, other: Coil) -> float:
-    """What `bare_inductance` has for a pair, without the inductances of each."""
+    """The mutual inductance of a pair, as in `bare_inductance`."""
     return _mutual(other, _elements(other), one, _elements(one))
 
 
@@ -88,7 +88,7 @@ def _along(lines: Coil, elements: WindingRule) -> float:
 
 
 def background_linkage(coils: Sequence[Coil], background: Background | None) -> Array:
-    """Flux linkages (c,) in Wb that a background adds in air, turns and polarity included."""
+    """Flux linkages (c,) in Wb of a background in air, turns and polarity included."""
     if background is None:
         return np.zeros(len(coils))
     rules = [

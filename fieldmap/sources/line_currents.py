@@ -18,14 +18,14 @@ from fieldmap.sources.winding_rules import WindingRule, graded, loop_elements, p
 from fieldmap.typing import Array
 
 LINES = ("Circle", "Polyline")
-# Points round a loop; from its centre outwards, and degree on the triangles of a polygon, for the flux through it.
+# Points round a loop; for the flux, points from its centre outwards, and degree of the rule on a polygon's triangles.
 _ROUND, _OUTWARD, _DEGREE = 128, 12, 4
 # Panels towards the corners of a polyline are no shorter than this part of a segment, if its wire is not thicker.
 _SHORTEST = 1e-4
 
 
 def is_lines(coil: Coil) -> bool:
-    """Whether all that the coil is made of are loops and polylines."""
+    """Whether the coil consists of loops and polylines alone."""
     return bool(coil.filaments) and all(source.kind in LINES for source in coil.filaments)
 
 
@@ -43,7 +43,7 @@ def vector_potential(coil: Coil, points: Array) -> Array:
 
 
 def self_inductance(coil: Coil) -> float:
-    """In H, of a coil of lines that states the diameter of its wire; its `turns` are taken to lie in one wire's place.
+    """Self-inductance, H, of a coil of lines with a wire diameter; its `turns` are taken to lie in one wire's place.
 
     Raises InputError without a wire, and for sheets and objects of other classes.
     """
@@ -106,7 +106,7 @@ def _potential(source: AirSource, points: Array, mean_distance: float) -> Array:
 
 
 def _potential_of_loop(source: AirSource, points: Array, mean_distance: float) -> Array:
-    """Jackson, Classical Electrodynamics, eq. (5.37); the squared distance grows by that of the wire's section."""
+    """Jackson, Classical Electrodynamics, eq. (5.37); mean_distance^2 of the wire is added to the squared distance."""
     radius = 0.5 * source.diameter  # type: ignore[operator]
     rho = np.hypot(points[:, 0], points[:, 1])
     height = points[:, 2] ** 2 + mean_distance**2

@@ -1,4 +1,4 @@
-"""Magnetised tetrahedra as magpylib objects, for use of solved iron in magpylib."""
+"""Magnetised tetrahedra, for use of solved iron, and coils as magpylib objects."""
 
 import math
 from functools import singledispatch
@@ -40,7 +40,7 @@ def magpylib_coil(coil: Coil, current: float = 1.0, shells: int = 8) -> magpylib
     """A coil carrying `current` (A) as a magpylib Collection at its place in the global frame.
 
     shells: number of current sheets. Eight are good to about 1e-12 one coil diameter away and to 5e-7 at 1 mm
-    from a winding 10 mm thick, sixteen to 1e-11 there. Inside the winding the field is that of the sheets.
+    from a winding 10 mm thick, sixteen to 1e-11 there. Inside the winding the field is the field of the sheets.
     Roundings are magpylib CylinderSegments, whose own errors reach 1e-7 at some points (1e-10 at most of them).
     Raises InputError for fewer than one shell or a current that is not finite.
 
@@ -77,7 +77,7 @@ def _sheet(coil: Coil, node: float, magnetised: float) -> list:
 
 @_sheet.register
 def _rounded_rectangle(coil: RoundedRectangleCoil, node: float, magnetised: float) -> list:
-    """Blocks and four sectors: fewer and quicker magnets than those of a path."""
+    """Blocks and four sectors: fewer and quicker magnets than for a path."""
     offset = node * coil.thickness / 2
     x, y = coil.half_width_x - coil.corner_radius, coil.half_width_y - coil.corner_radius
     radius = coil.corner_radius + offset

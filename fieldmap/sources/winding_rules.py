@@ -20,14 +20,15 @@ from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-# Current elements are this many to the shorter side of the winding's section, and as dense along the other ways.
+# Number of current elements along the shorter side of a winding's section; the other directions have the same density.
 _PER_SIDE = 4
+# Limits of the number along any direction: fewest; most across and along the axis; most along the current.
 _FEWEST, _MOST_ACROSS, _MOST_ALONG = 4, 48, 200
 # Current elements of filaments: points round a loop, and Gauss points along a segment.
 _ROUND_A_LOOP, _ALONG_A_LINE = 720, 12
-# Flux elements: Gauss points across the winding, along an arc, and on each panel of a graded way.
+# Flux elements: Gauss points across the winding, along an arc, and on each panel of a graded interval.
 _ACROSS, _ALONG_ARC, _PER_PANEL = 10, 12, 8
-# Panels shrink by this factor towards the winding and its ends, where its field varies over its own size.
+# Panels shrink by this factor towards the winding and its ends, where the field varies over the size of its section.
 _PANEL_RATIO = 0.25
 
 
@@ -60,7 +61,7 @@ def current_elements(coil: Coil) -> WindingRule:
 def current_elements_of(source: AirSource) -> tuple[Array, Array]:
     """Points (n, 3), m, and current elements (n, 3), A m, of a current at its place: the force is sum of elements x B.
 
-    Raises InputError for what is no current of magpylib's kinds.
+    Raises InputError for a source that is no current of magpylib's kinds.
     """
     if source.kind == "Circle":
         points, elements = loop_elements(source, _ROUND_A_LOOP)
@@ -92,7 +93,7 @@ def loop_elements(source: AirSource, count: int) -> tuple[Array, Array]:
 
 
 def placed(placement: Placement, points: Array, vectors: Array) -> tuple[Array, Array]:
-    """Points and vectors (n, 3) of a frame in the one in which it is placed."""
+    """Points and vectors (n, 3), given in a placed frame, in the frame around it."""
     turn = np.asarray(placement.rotation, dtype=float).T
     return np.ascontiguousarray(points @ turn + placement.position), np.ascontiguousarray(vectors @ turn)
 
@@ -106,8 +107,8 @@ def rule_of_parts(coil: Coil, parts: Iterable[tuple[Array, Array]]) -> WindingRu
 def flux_elements(coil: Coil) -> WindingRule:
     """Points in the coil with the area, as a vector, that its turns span there: linkage = sum B . vectors.
 
-    The mean over the winding's section of the flux through a turn is an integral over the plane of the coil, in which
-    a point counts by the share of turns around it: 1 inside, falling to 0 across the winding.
+    The mean over the winding's section of the flux through a turn is an integral over the plane of the coil. The weight
+    of a point is the share of turns around it: 1 inside, falling to 0 across the winding.
     """
     path = coil.winding()
     turning = path.turning
@@ -187,8 +188,8 @@ def _bar_points(bar: Array, along: Array, side: Array) -> Array:
 
 
 def _arc_strip(arc: Array, thickness: float, turning: float) -> tuple[Array, Array]:
-    """Points (n, 2) within the winding, and their areas (n,) times the net turns around them as share of all: these
-    fall with the distance to the left of the middle line."""
+    """Points (n, 2) within the winding, and their areas (n,) times the share of net turns around them, which falls with
+    the distance to the left of the middle line."""
     r, wr = _gauss(_ACROSS, arc[5], arc[6])
     angle, wa = _angles(arc, _ALONG_ARC)
     share = arc[7] * (0.5 * (arc[5] + arc[6]) - r) / thickness + 0.5 * turning

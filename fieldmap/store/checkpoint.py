@@ -41,7 +41,7 @@ from fieldmap.typing import PathLike
 
 FORMAT = 1
 SUFFIX, KEPT = ".partial", ".kept"
-# First line of a piece: SHA-256, length of the header, length of the arrays.
+# First line of a piece, and its length in bytes: SHA-256, length of the header, length of the arrays.
 _FIRST_LINE = re.compile(rb"([0-9a-f]{64}) ([0-9a-f]{16}) ([0-9a-f]{16})\n")
 _PREFIX = 99
 # Seconds between attempts to lock a file that another run has open.
@@ -94,7 +94,7 @@ class Checkpoint:
     Parameters
     ----------
     path
-        Of the file. It is made, with its folder, if it does not exist.
+        Path of the file, which is made with its folder if it does not exist.
     fingerprint
         All inputs that determine the pieces, as one text or as texts by name.
     resume
@@ -184,9 +184,9 @@ class Checkpoint:
         Parameters
         ----------
         key
-            Of the piece.
+            Key of the piece.
         arrays
-            By name.
+            Arrays by name.
         about
             Plain JSON.
 

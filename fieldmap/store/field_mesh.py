@@ -18,7 +18,7 @@ MOST_NODES = 5_000_000
 
 
 def is_hdf5(path: Path) -> bool:
-    """Whether a file begins as HDF5 does; no for one that cannot be read."""
+    """Whether a file begins with the signature of HDF5; False if it cannot be read."""
     try:
         with path.open("rb") as stream:
             return stream.read(len(_SIGNATURE)) == _SIGNATURE
@@ -75,7 +75,7 @@ def _fields(file: h5py.File) -> list[str]:
 
 
 def _component(data: Any, shape: tuple[int, ...]) -> Array:
-    """A component in T; constant ones are attributes, and numbers may be complex."""
+    """A component in T. A constant component is stored as an attribute; numbers may be complex."""
     values = data[()] if isinstance(data, h5py.Dataset) else np.full(shape, data.attrs["value"])
     if values.shape != shape:
         raise ValueError(f"a component of shape {values.shape} on a grid of {shape}")

@@ -1,8 +1,8 @@
-"""The unfinished file of a large map: its numbers are written to their places in it, a part of the map at a time.
+"""The unfinished file of a large map: numbers are written to their final places, a part of the map at a time.
 
-The file has the layout of every map. Each data set of a field lies in one piece, so that its place is known before a
-number is, and no more than a part is in memory. The checkpoint of the map holds the SHA-256 of each part, the places,
-and all bytes of the file between them as they were made: what a killed run has left there does not matter.
+The file has the layout of every map. Each data set of a field is contiguous, so its place is known before its numbers,
+and only one part is in memory. The checkpoint of the map holds the SHA-256 of each part, the places of the data sets,
+and all other bytes of the new file, so that bytes that a killed run left between them do no harm.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ LARGE = 1 << 29
 """Bytes of numbers above which a map is made as a large one."""
 LARGEST_VERIFIED = 1 << 29
 """Most bytes of coefficients that are verified when a map is opened: a third of a second."""
-# Numbers that are read from the disk as they are asked for must lie at multiples of their size.
+# Memory-mapped numbers must lie at multiples of their size.
 _ALIGNED = {"alignment_threshold": 4096, "alignment_interval": 4096}
 _LAYOUT = "places of the numbers"
-# Of what one file holds for each node: three components of the total, twelve of each field.
+# Numbers per node in a file: three components of the total, and twelve of each field.
 _TOTAL, _FIELD = 3, 12
 
 
@@ -47,9 +47,9 @@ def bytes_of_numbers(grid: Grid, fields: int) -> int:
     Parameters
     ----------
     grid
-        Of the nodes.
+        Grid of the nodes.
     fields
-        How many.
+        Number of fields.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def free_space(target: Path) -> int:
     Parameters
     ----------
     target
-        Its path.
+        Path of the file.
 
     Returns
     -------
@@ -76,12 +76,12 @@ def free_space(target: Path) -> int:
 
 
 class LargeMapWriter:
-    """The parts of an unfinished large map, in a file beside it.
+    """Writes the parts of a large map into a file next to the target.
 
     Attributes
     ----------
     target : path of the map file.
-    checkpoint : knows which parts are written.
+    checkpoint : records which parts are written.
     info : description of the map; its fields must be known before the first part.
     chunks : all parts of the map.
     """
@@ -100,7 +100,7 @@ class LargeMapWriter:
 
     @staticmethod
     def written(target: Path) -> int:
-        """Bytes on the disk of the parts of a map that an earlier run has written; 0 where the system does not say.
+        """Bytes on the disk of the parts of a map that an earlier run has written; 0 if the system does not tell.
 
         Parameters
         ----------
@@ -117,7 +117,7 @@ class LargeMapWriter:
 
     @cached_property
     def missing(self) -> tuple[Chunk, ...]:
-        """Parts to be written when this was first asked for. An earlier run's are verified."""
+        """Parts that were missing when this was first called. Parts of an earlier run are verified."""
         return tuple(chunk for chunk in self.chunks if not self._is_there(chunk))
 
     @property
@@ -156,19 +156,18 @@ class LargeMapWriter:
 
     @property
     def largest(self) -> Array:
-        """(2,): largest sum over the fields of the norms of B, T, and gradient, T/m, coils at their reference
-        currents."""
+        """Largest sum (2,) over the fields of the norms of B, T, and gradient, T/m, at the reference currents."""
         return np.max([self._about(chunk)["largest"] for chunk in self.chunks], axis=0)
 
     def read(self, plane: int, first: int = 0, last: int | None = None) -> tuple[Array, Array]:
-        """Numbers of a map file at nodes of one x-plane.
+        """Values at nodes of one x-plane of the grid.
 
         Parameters
         ----------
         plane
-            Of the grid.
+            Number of the plane.
         first, last
-            Rows of nodes along z, from the first to the one before the last; all of the plane unless given.
+            Rows of nodes along z, first <= row < last; all rows unless given.
 
         Returns
         -------
@@ -187,19 +186,19 @@ class LargeMapWriter:
         return values[..., :3], values[..., 3:].reshape(len(scale), rows, nz, 3, 3)
 
     def allocate(self, kind: str, count: int) -> None:
-        """Make room for the coefficients of lookups. An earlier room is given up.
+        """Allocate the coefficients of lookups in the file, in place of an earlier allocation.
 
         Parameters
         ----------
         kind
             Name of the interpolant.
         count
-            Of numbers.
+            Number of coefficients.
 
         Raises
         ------
         FieldmapError
-            If the disk has no room for it.
+            If the disk has no room for them.
         """
         self._restore()
         if 8 * count > (free := free_space(self.target)):
@@ -220,7 +219,7 @@ class LargeMapWriter:
         Parameters
         ----------
         first
-            Number of the first of them in the block of `allocate`.
+            Index of the first one in the block of `allocate`.
         values
             The coefficients (n,).
         """
@@ -228,7 +227,7 @@ class LargeMapWriter:
             self._put(self._block[0] + 8 * first, values)
 
     def coefficients(self) -> Array:
-        """The coefficients, read from the disk as they are asked for."""
+        """The coefficients, memory-mapped."""
         return MappedNumbers.at(str(self.path), *self._block)
 
     def finish(
@@ -246,7 +245,7 @@ class LargeMapWriter:
         solver_report, assumptions, interpolation_error, error_bounds
             As in `Provenance` and `MapInfo`.
         data
-            All that lies in the file besides the numbers that were written.
+            The map, without the numbers that were written already.
 
         Returns
         -------
@@ -296,7 +295,7 @@ class LargeMapWriter:
 
     @cached_property
     def _offsets(self) -> tuple[int, ...]:
-        """Where the data sets begin: the components of the total, then those of each field, as in the file."""
+        """Offsets of the data sets: the components of the total, then the components of each field."""
         piece = self.checkpoint.get(_LAYOUT)
         if piece is None or not self.path.is_file():
             self._make()
@@ -309,7 +308,7 @@ class LargeMapWriter:
         return [(offset, 8 * self.info.grid.size) for offset in sorted(self._offsets)]
 
     def _make(self) -> None:
-        """Make the file with all that other programs read, but the numbers."""
+        """Make the file with its openPMD part, in which the numbers are only allocated."""
         plain = MapInfo(**{name: getattr(self.info, name) for name in MapInfo.__dataclass_fields__})
         records = [
             (FLUX_DENSITY, ""),
@@ -332,7 +331,7 @@ class LargeMapWriter:
         self.checkpoint.put(_LAYOUT, between, {"offsets": offsets, "length": length})
 
     def _restore(self) -> None:
-        """Make all bytes but those of the numbers as `_make` left them."""
+        """Restore all bytes except the numbers to the state after `_make`."""
         piece = self.checkpoint.get(_LAYOUT)
         assert piece is not None
         length, left = int(piece.about["length"]), memoryview(piece.arrays["between"].tobytes())
@@ -347,7 +346,7 @@ class LargeMapWriter:
         return {} if piece is None else piece.about
 
     def _is_there(self, chunk: Chunk) -> bool:
-        """Whether the part is written, and what lies at its places is what was written there."""
+        """Whether the part was written, and its bytes in the file are unchanged."""
         offsets = self._offsets
         about, begin = self._about(chunk), chunk.first * self._of_plane
         if not about:
@@ -358,7 +357,7 @@ class LargeMapWriter:
         return digest.hexdigest() == about["sha256"]
 
     def _put(self, offset: int, values: Array | memoryview) -> memoryview:
-        """Write bytes, or numbers as the file holds them, to a place in the file; what was written."""
+        """Write bytes, or numbers as float64, at an offset of the file. Returns the written bytes."""
         raw = values if isinstance(values, memoryview) else memoryview(values.astype("<f8").tobytes())
         self._file.seek(offset)
         left = raw

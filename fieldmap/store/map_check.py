@@ -148,7 +148,7 @@ def check_map(path: str | os.PathLike[str]) -> MapCheck:
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file.
 
     Returns
     -------
@@ -213,14 +213,14 @@ def _check_completion(file: h5py.File, info: MapInfo) -> None:
 
 @dataclass
 class _Extremes:
-    """Largest figures of a field over the planes read so far: of the gradient, its divergence and its curl; of the
-    mismatch of values and gradients along each axis, and of the integrals."""
+    """Largest values of a field over the planes read so far. of_gradient: gradient, divergence, curl; of_steps: results
+    of `_mismatch` along each axis."""
 
     of_gradient: Array = field(default_factory=lambda: np.zeros(3))
     of_steps: Array = field(default_factory=lambda: np.full((3, 2), np.nan))
 
     def add(self, flux: Array | None, gradient: Array, grid: Grid) -> None:
-        """Count planes (n, ny, nz), of which the first two are those counted last."""
+        """Include planes (n, ny, nz). The first two planes are the last two of the previous call."""
         trace, curl = np.trace(gradient, axis1=-2, axis2=-1), gradient - np.swapaxes(gradient, -2, -1)
         largest = [np.abs(values).max() for values in (gradient, trace, curl)]
         self.of_gradient = np.maximum(self.of_gradient, largest)
@@ -230,7 +230,7 @@ class _Extremes:
                 self.of_steps[axis] = np.fmax(self.of_steps[axis], found)
 
     def tell(self, of: str, findings: _Findings) -> None:
-        """The figures, relative to the largest."""
+        """Store the figures, relative to the largest gradient and integral."""
         scale, trace, curl = (float(value) for value in self.of_gradient)
         findings.figure("divergence", trace / (scale or 1.0), DIVERGENCE_AND_CURL, of)
         findings.figure("curl", curl / (scale or 1.0), DIVERGENCE_AND_CURL, of)
@@ -241,7 +241,7 @@ class _Extremes:
 
 
 def _check_fields(file: h5py.File, info: MapInfo, records: tuple[str, ...], findings: _Findings) -> None:
-    """Check whether the numbers are magnetic fields, and the total is their sum, as far as they can be read."""
+    """Check that the readable numbers are magnetic fields, and that the total is the sum of the fields."""
     grid, extremes = info.grid, [_Extremes() for _ in records]
     planes = max(1, _NODES_AT_A_TIME // (grid.shape[1] * grid.shape[2]))
     difference, scale, summed = 0.0, 0.0, True
@@ -251,7 +251,7 @@ def _check_fields(file: h5py.File, info: MapInfo, records: tuple[str, ...], find
     for first in range(0, grid.shape[0], planes):
         # Steps over two cells need two planes more.
         at = slice(max(0, first - 2), first + planes)
-        # Of a giant grid, too, no more is allocated than is there.
+        # Broadcast in the sum below: an array of a grid that the header claims is never allocated without its data.
         total = np.zeros(3)
         for number, record in enumerate(records):
             flux, slope = (_values(file, each, record, at, grid, findings) for each in QUANTITIES)
@@ -291,7 +291,7 @@ def _check_record(
     grid: Grid,
     findings: _Findings,
 ) -> None:
-    """Check the attributes of a record and its components. source: those that name its field."""
+    """Check the attributes of a record and its components. source: attributes that name its field."""
     path = quantity.path(field)
     findings.attempt(check_attributes, file, path, of_record(quantity.unit) | on_grid(grid) | source)
     for name in quantity.components:

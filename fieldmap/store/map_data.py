@@ -103,7 +103,7 @@ class Grid(Record):
         first
             First plane.
         last
-            Plane behind the last one; all of them unless given.
+            Plane after the last one; the end of the grid unless given.
 
         Returns
         -------
@@ -241,7 +241,7 @@ class StoredFields(Record):
         Parameters
         ----------
         grid
-            Of the map.
+            Grid of the map.
 
         Returns
         -------
@@ -256,14 +256,14 @@ class StoredFields(Record):
 @dataclass(frozen=True, eq=False, repr=False)
 class StoredReaction(StoredFields):
     """Fields on a grid, T/sqrt(J) and T/(m sqrt(J)), that span the iron's reaction to magnets (`fieldmap.reaction`).
-    repelled: of how many, the last, the sign is -1."""
+    repelled: number of fields with the sign -1, the last ones."""
 
     repelled: int = 0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StoredSensors(Record):
-    """What field sensors read in a map.
+    """The field sensors of a map.
 
     Attributes
     ----------
@@ -271,8 +271,8 @@ class StoredSensors(Record):
     positions : (s, 3), m.
     axes : (s, 3), unit vectors.
     shares : (s, n_fields), readings of the map's fields at weight 1, T; T/A for coils.
-    answers : of the iron to a dipole of 1 A m^2 in the place and along the axis of each sensor, T/(A m^2) and
-        T/(A m^3); None without iron.
+    answers : response of the iron to a dipole of 1 A m^2 at each sensor, along its axis, T/(A m^2) and T/(A m^3); None
+        without iron.
 
     Raises
     ------
@@ -301,9 +301,9 @@ class StoredLinkage(Record):
 
     Attributes
     ----------
-    inductance : (c, c), H, symmetric: of linear iron and coils; where iron saturates, of the coils in air.
-    constant : (c,), Wb: of magnets and background with all currents off; where iron saturates, without the flux of the
-        iron that they magnetise.
+    inductance : (c, c), H, symmetric: of linear iron and coils; for saturating iron of the coils in air.
+    constant : (c,), Wb: of magnets and background without currents; for saturating iron without the flux of the iron
+        that they magnetise.
 
     Raises
     ------
@@ -339,8 +339,8 @@ class MapData(MapInfo):
     ----------
     flux_density : (n_fields, nx, ny, nz, 3), T/A for coils.
     gradient : (n_fields, nx, ny, nz, 3, 3), T/(m A) for coils; gradient[..., i, j] = dB_i/dx_j.
-    reaction : of the iron to magnets; None where it is not known.
-    linkage : of the coils; None where it is not known.
+    reaction : of the iron to magnets; None if it is not known.
+    linkage : of the coils; None if it is not known.
     sensors : of the device; None without sensors, and in maps of earlier versions.
 
     Raises
@@ -381,26 +381,25 @@ class MapData(MapInfo):
 
 
 class MappedNumbers(np.memmap):
-    """Numbers in a file, float64, read as they are asked for. A pickle holds the path of the file and the first
-    numbers."""
+    """Memory-mapped float64 numbers of a file. A pickle holds the path of the file and the first numbers."""
 
     @classmethod
     def at(cls, path: str, offset: int, count: int) -> "MappedNumbers":
-        """`count` numbers from a place in a file, bytes."""
+        """`count` numbers of a file, from an offset in bytes."""
         return cls(path, np.dtype("<f8"), "r", offset, (count,))
 
     def beginning(self, first: Array) -> "MappedNumbers":
-        """The same numbers but the first, which are changed in memory alone.
+        """The numbers with other first ones, which are changed in memory but not in the file.
 
         Parameters
         ----------
         first
-            In their place.
+            The first numbers.
 
         Returns
         -------
         MappedNumbers
-            The numbers; these if they begin so already.
+            The numbers; this object if it begins with them already.
         """
         if np.array_equal(self[: first.size], first):
             return self
@@ -424,10 +423,10 @@ class LargeMap(MapInfo):
 
     Attributes
     ----------
-    every : of how many cells of the grid, along each axis, a cell of the lookup is.
+    every : number of grid cells that a cell of the lookup spans along each axis.
     blocks : coefficients of all fields, by the name of the interpolant: blocks of `fieldmap.core.block`.
-    misfits : largest difference of each to the numbers at all nodes, T and T/m, summed over the fields, coils at their
-        reference currents.
+    misfits : largest difference of each interpolant from the values at all nodes, T and T/m, summed over the fields,
+        coils at their reference currents.
     reaction, linkage, sensors : as of `MapData`, on `lookup_grid`.
     reaction_cells : coefficients of the reaction in the cells of `lookup_grid`, a block; None without a reaction.
     """

@@ -16,8 +16,7 @@ from fieldmap.store.reduced_model import ReducedModel
 from fieldmap.typing import Array
 
 FORMAT_VERSION, WITH_FIXED_SOURCES, WITH_HYSTERESIS = VERSIONS = 1, 2, 3
-"""Version of the format, and versions that older readers refuse: of maps with sources that no current drives, and of
-maps whose iron remembers."""
+"""Version of the format, and versions that older readers refuse: of maps with fixed sources, and with hysteresis."""
 # Most nodes of a chunk: few enough that a killed run loses little, many enough that the solver is efficient.
 NODES_PER_CHUNK = 1000
 MESHES = "/data/0/meshes"
@@ -31,12 +30,12 @@ LINKAGE = f"{OWN}/linkage"
 """Group of the flux linkages of the coils: data sets by the names of `StoredLinkage`, float64. Readers that do not know
 it read a map without."""
 SENSORS = f"{OWN}/sensors"
-"""Group of what field sensors read: data sets like the arrays of `StoredSensors`, attribute `names` (JSON), and with
-iron a group `answers` of fields, float32. Readers that do not know it read a map without."""
+"""Group of the field sensors: data sets like the arrays of `StoredSensors`, attribute `names` (JSON), and with iron a
+group `answers` of fields, float32. Readers that do not know it read a map without."""
 LOOKUP = f"{OWN}/lookup"
-"""Group of large maps, whose numbers at the nodes are not read for lookups: attribute `every`; data sets named as
-interpolants, the blocks of `LargeMap`, each with an attribute `misfit`; `reaction_cells`; groups like `REACTION` and
-`SENSORS`. Readers that do not know it read the numbers at the nodes."""
+"""Group of large maps, whose numbers at the nodes are not read for lookups: attribute `every`; the blocks of `LargeMap`
+as data sets named after their interpolants, each with an attribute `misfit`; `reaction_cells`; groups like `REACTION`
+and `SENSORS`. Readers that do not know it read the numbers at the nodes."""
 REACTION_CELLS = "reaction_cells"
 LOOKUP_REACTION, LOOKUP_SENSORS = f"{LOOKUP}/reaction", f"{LOOKUP}/sensors"
 PARAMETRISATION = "parametrisation"
@@ -48,11 +47,11 @@ VECTOR = ("x", "y", "z")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Quantity(Record):
-    """A quantity of which a file holds a record for each field.
+    """A quantity for which a file holds one record per field.
 
-    name: of the array in `MapData`; record: begins the record's name; components, tail: those of the record, in the
-    order of the last axes (*tail,) of the array; unit: powers of length, mass, time, current, temperature, amount and
-    luminous intensity; comment: of a field's record, after which the source is named.
+    name: of the array in `MapData`; record: start of the record's name; components: of the record, in the order of the
+    last axes (*tail,) of the array; unit: powers of length, mass, time, current, temperature, amount and luminous
+    intensity; comment: of a field's record, with a place for the source.
     """
 
     name: str
@@ -63,7 +62,7 @@ class Quantity(Record):
     comment: str
 
     def path(self, field: str = "") -> str:
-        """Of the record of a field, by `record_names`; of the total without one."""
+        """Path of the record of a field, given its name of `record_names`; of the total unless given."""
         return f"{MESHES}/{self.record}" + (f"_{field}" if field else "")
 
 
@@ -123,13 +122,13 @@ def chunks_of(grid: Grid) -> tuple[Chunk, ...]:
 
 
 Value = TypeVar("Value")
-# Parts of the provenance that stand in the header under their own names: texts, and texts by name.
+# Attributes of the provenance that are in the header under the same names: texts, and mappings of texts.
 _TEXTS = ("title", "device_name", "created", "fingerprint")
 _NAMED_TEXTS = ("versions", "included")
 
 # Exceptions of h5py for a damaged or foreign file.
 UNREADABLE = (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeError)
-_EMPTY = b"\n"  # HDF5 knows no string of length 0
+_EMPTY = b"\n"  # HDF5 has no string of length 0
 
 
 class DamagedText(ValueError):  # noqa: N818 - internal, turned into MapFileError by the reader
@@ -207,7 +206,7 @@ def info_from(
 ) -> MapInfo:
     """The map's description from header, report and source texts; KeyError, TypeError or ValueError if ill-formed."""
     texts: dict[str, Any] = {name: _value(header, name, str) for name in _TEXTS}
-    # Older files do not say what they included.
+    # Older files do not state the files that the device refers to.
     texts |= {name: _named_texts({"included": {}, **header}[name]) for name in _NAMED_TEXTS}
     provenance = Provenance(
         recipe_text=recipe,

@@ -110,7 +110,7 @@ def stored(file: h5py.Group, path: str, kinds: str) -> h5py.Dataset:
     file
         Open file.
     path
-        Of the data set.
+        Path of the data set.
     kinds
         Allowed kinds of numpy types, a key of `_NAMES`.
 
@@ -150,7 +150,7 @@ def read_map(path: str | os.PathLike[str]) -> MapData:
     Parameters
     ----------
     path
-        Of the file, or the name of a shipped map, such as "sample".
+        Path of the file, or the name of a shipped map, such as "sample".
 
     Returns
     -------
@@ -168,10 +168,9 @@ def read_map(path: str | os.PathLike[str]) -> MapData:
 
 
 def read_for_lookup(path: str | os.PathLike[str]) -> MapData | LargeMap:
-    """Read what lookups need: of a large map its coefficients, which are read as they are asked for; of any other all
-    of its numbers.
+    """Read a map for lookups: a large map with memory-mapped coefficients, any other map with all of its numbers.
 
-    Of a large map the numbers at the nodes are not verified; `check_map` and `read_map` do that.
+    The numbers at the nodes of a large map are not verified; `check_map` and `read_map` verify them.
 
     Parameters
     ----------
@@ -234,7 +233,7 @@ def _read_large(file: h5py.File) -> LargeMap:
 
 
 def _of_iron(file: h5py.File, grid: Grid, under: str) -> dict[str, Any]:
-    """Reaction, linkages and sensors of a map, each None where the file has none; fields on `grid`, in a group."""
+    """Reaction, linkages and sensors of a map, None if the file has none; their fields lie on `grid`."""
     reaction, sensors = f"{under}/reaction", f"{under}/sensors"
     return {
         "reaction": _read_reaction(file, grid, reaction) if is_hard(file, reaction.strip("/")) else None,
@@ -271,8 +270,7 @@ def map_path(path: str | os.PathLike[str]) -> Path:
     Returns
     -------
     Path
-        The path itself; of a name without folder and ending that is no file, the shipped map of this name, if
-        any.
+        The path itself; or the shipped map of a name without folder and ending, unless there is such a file.
     """
     given = Path(path)
     if is_file(given) or given.name != os.fspath(path) or given.suffix:
@@ -282,8 +280,8 @@ def map_path(path: str | os.PathLike[str]) -> Path:
 
 @contextmanager
 def opened_map(path: str | os.PathLike[str], numbers: bool = True) -> Iterator[h5py.File]:
-    """Open a map file after its seal was verified, of a large map without that of its numbers if so asked. Errors
-    inside the block become MapFileError."""
+    """Open a map file after its seal was verified. numbers: False leaves out the numbers of a large map. Errors inside
+    the block become MapFileError."""
     where, path = os.fspath(path), map_path(path)
     if not is_file(path):
         raise MapFileError.of(where, "an existing map file", "no such file", REMAKE)
@@ -371,7 +369,7 @@ def _read_linkage(file: h5py.File) -> StoredLinkage:
 
 
 def _read_sensors(file: h5py.File, grid: Grid, path: str) -> StoredSensors:
-    """Read what the sensors read. Raises Refused, ValueError or InputError if the arrays do not fit."""
+    """Read the field sensors. Raises Refused, ValueError or InputError if the arrays do not fit."""
     names = json.loads(bytes(hard(file, path).attrs["names"]).decode())
     of_each = {name: _finite(stored(file, f"{path}/{name}", "f")) for name in ("positions", "axes", "shares")}
     answers = None
@@ -393,8 +391,8 @@ def _read_fields(file: h5py.File, path: str, grid: Grid) -> dict[str, Array]:
 
 
 def _parametrisation(file: h5py.File, coils: int) -> CurrentParametrisation:
-    """Read the parametrisation of the currents, in the present form or in that of older files. If both are there, they
-    must agree."""
+    """Read the parametrisation of the currents, in the present or the older form. If a file has both, they must
+    agree."""
     exponent = stored(file, f"{REDUCED_MODEL}/{DIVISION_EXPONENT}", "fi")[()]
     stated = hard(file, REDUCED_MODEL).attrs.get(PARAMETRISATION)
     older = parametrisation_of(exponent, coils)

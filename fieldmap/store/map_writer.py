@@ -55,7 +55,7 @@ from fieldmap.store.seal import seal_map
 from fieldmap.store.whole_files import disk_errors, sync_folder, whole_file
 from fieldmap.typing import Array, PathLike
 
-# T and T/m. Larger values are those of nodes on edges and wires, kept from infinity by rounding.
+# Largest values, T and T/m. Nodes on edges and wires have larger ones, which only rounding keeps finite.
 _SINGULAR = 1e15
 # Keys of the header that are not part of the fingerprint of a checkpoint: they have no influence on the numbers of the
 # map, or are known only during the run.
@@ -131,7 +131,7 @@ def write_own(file: h5py.File, data: MapData | LargeMap) -> None:
 
 
 def write_lookup(file: h5py.File, data: LargeMap) -> None:
-    """Write what lookups of a large map need, but the coefficients of its cells, which are there already."""
+    """Write the data for lookups of a large map, except the coefficients of its cells, which are in the file."""
     group = file[LOOKUP]
     group.attrs["every"] = np.int64(data.every)
     for kind, misfit in data.misfits.items():
@@ -154,7 +154,7 @@ def _write_reduced_model(file: h5py.File, model: ReducedModel | None) -> None:
         values = getattr(model, name)
         if name in OPTIONAL and not values.size:
             continue
-        # The fill value, which HDF5 gives for a missing block, is never a number of a model, so that it is noticed.
+        # HDF5 returns the fill value for a missing block. No number of a model has this value, so a loss is noticed.
         missing = -1 if name in INTEGER else np.nan
         checked = {"fletcher32": True, "fillvalue": missing} if values.size else {}
         group.create_dataset(name, data=values, **checked)
@@ -170,7 +170,7 @@ def _write_reaction(file: h5py.File, reaction: StoredReaction | None, path: str)
 
 
 def _write_sensors(file: h5py.File, sensors: StoredSensors | None, path: str) -> None:
-    """Write what the sensors read with checksums; nothing if there are none."""
+    """Write the field sensors with checksums; nothing if there are none."""
     if sensors is None:
         return
     group = file.create_group(path)
@@ -242,7 +242,7 @@ class MapWriter:
         Parameters
         ----------
         chunk
-            Which one.
+            The chunk.
         flux_density
             (n_fields, planes, ny, nz, 3), T/A for coils.
         gradient
@@ -259,12 +259,12 @@ class MapWriter:
         self.checkpoint.put(chunk_key(chunk), {"flux_density": flux_density, "gradient": gradient})
 
     def read(self, chunk: Chunk) -> tuple[Array, Array]:
-        """What `write` was given for a chunk.
+        """The arrays that `write` stored for a chunk.
 
         Parameters
         ----------
         chunk
-            Which planes.
+            The chunk.
 
         Returns
         -------
@@ -326,8 +326,8 @@ class MapWriter:
 def open_writer(target: PathLike, info: MapInfo, resume: bool = True) -> MapWriter:
     """Open the checkpoint of a map, with the chunks that an earlier run has written, if any.
 
-    They are used only if fingerprint, grid, coils and reference currents are those of `info`. Otherwise `note` of the
-    result gives the reason.
+    Earlier chunks are used only if fingerprint, grid, coils and reference currents are those of `info`. Otherwise
+    `note` of the result gives the reason.
 
     Parameters
     ----------
@@ -362,8 +362,8 @@ def chunk_key(chunk: Chunk) -> str:
 
 
 def check_finite(target: Path, chunk: Chunk, flux_density: Array, gradient: Array) -> None:
-    """Raise MapFileError for a number of a part that is not finite, or as large as only rounding makes it."""
-    # Not so for NaN either.
+    """Raise MapFileError for a number of a part that is not finite, or is larger than `_SINGULAR`."""
+    # This is False for NaN too.
     if all(np.abs(values).max() <= _SINGULAR for values in (flux_density, gradient)):
         return
     raise MapFileError.of(

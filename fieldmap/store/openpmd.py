@@ -15,8 +15,8 @@ from fieldmap.typing import Array
 
 
 def write_openpmd(file: h5py.File, map_data: MapInfo) -> None:
-    """Write every field at its reference current and their sum, with all groups and attributes around them. Of a
-    description without numbers the data sets are allocated in one piece each, for numbers to come."""
+    """Write every field at its reference current, their sum, and all groups and attributes. For a description without
+    numbers the data sets are only allocated, each contiguous."""
     grid = map_data.grid
     _write_root(file, map_data)
     iteration = file.create_group("/data/0")
@@ -87,12 +87,12 @@ def _write_root(file: h5py.File, info: MapInfo) -> None:
 
 
 def on_grid(grid: Grid) -> dict[str, Any]:
-    """Attributes of a record by which other programs know where its nodes lie."""
+    """Attributes of a record that give the positions of its nodes."""
     return {"gridSpacing": grid.spacing, "gridGlobalOffset": grid.lower}
 
 
 def of_source(name: str, scale: float) -> dict[str, Any]:
-    """Attributes of a record by which other programs know of which field it is, and at which current, A."""
+    """Attributes of a record that give its source and the current, A."""
     return {"coilName": fixed(name), "referenceCurrent": np.float64(scale)}
 
 
@@ -122,8 +122,8 @@ def _write_record(
     values: Array | None,
     scale: float = 1.0,
 ) -> h5py.Group:
-    """Write a record with its attributes. values (nx, ny, nz, n components) are multiplied by scale; None allocates
-    the data sets alone."""
+    """Write a record with its attributes. values (nx, ny, nz, n components) are multiplied by scale; None only
+    allocates the data sets."""
     record = file.create_group(quantity.path(field))
     _describe(record.id, **of_record(quantity.unit), **on_grid(grid), comment=fixed(comment))
     # The low-level calls of HDF5 are used, because the high-level ones of h5py take longer than the writing.
@@ -148,7 +148,7 @@ def _storage(grid: Grid) -> h5py.h5p.PropDCID:
 
 
 def in_one_piece() -> h5py.h5p.PropDCID:
-    """Properties of a data set of a large map: its bytes lie one behind the other from the beginning."""
+    """Properties of a data set of a large map: contiguous, and allocated when it is created."""
     created = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     created.set_layout(h5py.h5d.CONTIGUOUS)
     created.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)

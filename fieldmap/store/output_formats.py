@@ -1,8 +1,8 @@
-"""Formats of the files that are written, and the one check of a path that shall be written.
+"""Formats of output files, and the check of their paths.
 
-No output takes the place of an input or of a file of another origin: `output_problems` says what is wrong with a path.
-Every command asks it before the work begins, by what its options declare, and `whole_file` before anything is written.
-A file may be replaced if it begins as the files of the same format do that this program has written.
+No output replaces an input or a file of another origin: `output_problems` lists the problems of a path. Every command
+calls it before the work begins, with the formats of its options, and `whole_file` calls it before anything is written.
+A file may be replaced if its beginning shows that this program wrote it in the same format.
 """
 
 import os
@@ -48,7 +48,7 @@ FORMATS: dict[str, Format] = {
     "field for mag_manip": _format(".yaml .yml", rb"\A# coils in current order: "),
     "linear models": _format(".json .npz", rb'\A(\{\s*"scenario": .*"states"|PK.*depth_mm\.npy)'),
     "figure": _format(".png .svg .pdf", rb"\A\x89PNG|\A%PDF|\A<\?xml[^>]*>.*<svg"),
-    # That nobody has named: beside a map or a study.
+    # A figure that the user has not named, next to a map or a study.
     "drawn figure": _format(".png", rb"\A\x89PNG.{,400}Matplotlib version"),
     "picture": _format(".png", rb"\A\x89PNG"),
     "web page": _format(".html", rb"drag: turn; wheel: zoom"),
@@ -59,7 +59,7 @@ FORMATS: dict[str, Format] = {
     "table of numbers": _format(".csv", rb"\Arow,"),
     "written log": _format(".csv", rb"\A# Log written by fieldmap"),
     "log": _format(".log .txt", rb"\A\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} "),
-    # Named by a hash of what it holds.
+    # Its name is a hash of its contents.
     "kept mesh": _format(".npz", rb""),
 }
 
@@ -67,7 +67,7 @@ FORMATS: dict[str, Format] = {
 def output_problems(
     where: str, path: PathLike, formats: Iterable[str], others: Iterable[PathLike] = ()
 ) -> list[Problem]:
-    """What is wrong with a path that shall be written.
+    """Problems of an output path.
 
     Parameters
     ----------
@@ -76,9 +76,9 @@ def output_problems(
     path
         The path.
     formats
-        Names of the formats (`FORMATS`) of which its ending chooses one.
+        Names of the formats (`FORMATS`) that the file may have, by its ending.
     others
-        Files that are read, and others that are written.
+        Input files, and other output files.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def output_problems(
 
 
 def _same(one: Path, other: Path) -> bool:
-    # Not by Path.exists, which raises for a word that cannot be a file's name.
+    # Path.exists would raise for a text that cannot be a file name.
     if os.path.exists(one) and os.path.exists(other):
         return os.path.samefile(one, other)
     return os.path.abspath(one) == os.path.abspath(other)

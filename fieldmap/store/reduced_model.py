@@ -29,7 +29,7 @@ class ReducedModel(Record):
     air, constant : (r, r) and (r,), A and r0 of the theory.
     output : (k, r), weights of the map's iron fields per amplitude.
     known_currents, known_amplitudes : (s, c) and (s, r), of the training states; solves begin at the nearest one. With
-        hysteresis the one state after the history "shaken", about whose currents the paths of the training lay.
+        hysteresis there is one state, after the history "shaken"; the paths of the training lie about its currents.
     lower, upper : (d,), domain of the signals of `parametrisation`.
     parametrisation : of the currents.
     reference_weights : (k,), of the iron fields at the map's reference currents.
@@ -151,7 +151,7 @@ OPTIONAL = ("fixed", "pinning", "shares")
 
 
 def parametrisation_of(division_exponent: Array, coils: int) -> CurrentParametrisation:
-    """The parametrisation that `ReducedModel.division_exponent` states, which is all that older map files have."""
+    """The parametrisation that `ReducedModel.division_exponent` states, the only statement in older map files."""
     exponents = np.ravel(division_exponent)
     received = f"{exponents.size} numbers"
     _check(exponents.size <= 1, "division_exponent", "one number or none", received)

@@ -46,7 +46,7 @@ def write_runs(path: str | os.PathLike[str], runs: Iterable[RunRecord], about: M
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file.
     runs
         The runs.
     about
@@ -77,7 +77,7 @@ def _write(group: h5py.Group, run: RunRecord) -> None:
 
 
 def is_run_file(path: str | os.PathLike[str]) -> bool:
-    """Whether a file says of itself that it holds runs.
+    """Whether a file states that it holds recorded runs.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def read_runs(path: str | os.PathLike[str]) -> tuple[list[RunRecord], dict[str, 
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file.
 
     Raises
     ------

@@ -4,8 +4,8 @@ HDF5 has checksums for the numbers of a file, but not for its structure. A wrong
 read anything. So a file is opened only if all of its bytes are those that were written. Other programs ignore the seal,
 because they do not read beyond the end of the HDF5 data. A program that changes the file cuts the seal off.
 
-A large map has a second seal before that: the places of its numbers, and the SHA-256 of all other bytes. It is enough
-for a reader that opens the file without reading those numbers.
+A large map has a second seal before the first: the places of its numbers, and the SHA-256 of all other bytes. It
+suffices for a reader that opens the file without reading those numbers.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from fieldmap.errors import MapFileError
 
 _SEAL = re.compile(rb"\n# sealed by fieldmap: ([0-9a-f]{16}) ([0-9a-f]{64})\n")
 SEAL_LENGTH = 105
-# Behind a list of the places of numbers: where it begins, and the SHA-256 of all before this line but the numbers.
+# After a list of the places of numbers: offset of the list, and SHA-256 of all bytes before this line but the numbers.
 _SECOND = re.compile(rb"\n# without numbers: ([0-9a-f]{16}) ([0-9a-f]{64})\n")
 _SECOND_LENGTH = 102
 _BLOCK = 1 << 20
@@ -40,9 +40,9 @@ def seal_map(path: str | os.PathLike[str], numbers: Places = ()) -> None:
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file.
     numbers
-        Places of numbers that a reader need not have verified to open the file, in their order.
+        Places of numbers that need not be verified to open the file, ascending.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def check_seal(path: str | os.PathLike[str], remedy: str = REMAKE, numbers: bool
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file.
     remedy
         For the message, as an alternative to copying the file again.
     numbers
@@ -152,7 +152,7 @@ def _read_seal(stream: BinaryIO, length: int) -> tuple[int, str] | None:
 def _read_second(stream: BinaryIO, length: int) -> tuple[Places, str] | None:
     """Places of numbers and digest that the second seal before the end `length` states, or None.
 
-    Places that are no list of ranges give ValueError or TypeError.
+    Raises ValueError or TypeError if the places are no list of ranges.
     """
     told = _find(_SECOND, _SECOND_LENGTH, stream, length)
     if told is None:
@@ -164,7 +164,7 @@ def _read_second(stream: BinaryIO, length: int) -> tuple[Places, str] | None:
 
 
 def _digest(stream: BinaryIO, length: int, without: Places = ()) -> str:
-    """SHA-256 of the first `length` bytes but those at some places."""
+    """SHA-256 of the first `length` bytes, except the bytes at some places."""
     total = hashlib.sha256()
     for offset, size in others(without, length):
         stream.seek(offset)
@@ -175,7 +175,7 @@ def _digest(stream: BinaryIO, length: int, without: Places = ()) -> str:
 
 
 def others(places: Iterable[tuple[int, int]], length: int) -> Iterable[tuple[int, int]]:
-    """Offset and length of what lies between places, in their order, up to `length`."""
+    """Offset and length of the ranges between ascending places, up to `length`."""
     begin = 0
     for offset, size in [*places, (length, 0)]:
         if offset > begin:

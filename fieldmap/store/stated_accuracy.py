@@ -1,4 +1,4 @@
-"""Maps of saturating iron that missed the accuracy of their recipe: what their reports say, and the warning."""
+"""Maps of saturating iron that missed the accuracy of their recipe: the errors in their reports, and the warning."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fieldmap.records import Record
 HELD_OUT = 2.0
 """Allowed error at a tested state, as a multiple of the accuracy of the recipe."""
 GRADIENT = 2.0
-"""Allowed relative error of the gradient over that of the flux density."""
+"""Allowed relative error of the gradient, as a multiple of the allowed relative error of the flux density."""
 
 # Python shows a warning once for each line of code. This filter shows it each time that such a map is opened. It is the
 # last filter, so that those of the importing program have priority.
@@ -53,7 +53,7 @@ class MissedAccuracy(Record):
 def missed_accuracy(report: Mapping[str, Any]) -> MissedAccuracy | None:
     """Find out from the report of a map whether it missed its accuracy.
 
-    The error of B may be `HELD_OUT` times the accuracy, and that of the gradient `GRADIENT` times as large.
+    The allowed error of B is `HELD_OUT` times the accuracy, and the allowed error of the gradient `GRADIENT` times it.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def warn_of_missed_accuracy(
     Parameters
     ----------
     path
-        Of the map, for the text.
+        Path of the map, for the text.
     report
         Solver report of the map.
     stacklevel

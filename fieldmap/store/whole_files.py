@@ -16,22 +16,22 @@ from fieldmap.typing import PathLike
 
 @contextmanager
 def whole_file(path: PathLike, kind: str, *others: str) -> Iterator[Path]:
-    """A place to write to; what lies there at the end is renamed to the path.
+    """Give a temporary path; the file written there gets its name `path` at the end of the block.
 
-    Leaving with an error deletes it. A killed process leaves it in a hidden folder of its own, where no pattern such as
+    An error in the block deletes the file. A killed process leaves it in a hidden folder, where no pattern such as
     ``*.h5`` finds it.
 
     Parameters
     ----------
     path
-        Of the file that shall appear. Its folder is made.
+        Path of the file. Its folder is made.
     kind, *others
         Names of the formats that it may have (`fieldmap.store.output_formats`).
 
     Yields
     ------
     Path
-        The same name in a hidden folder beside it.
+        The same name in a hidden folder next to it.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def write_whole(path: PathLike, content: bytes | str, kind: str) -> Path:
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file.
     content
         Bytes, or a text that is written as UTF-8.
     kind

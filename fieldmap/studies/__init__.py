@@ -1,13 +1,13 @@
-"""Parameter studies: a device with some keys varied, solved at sets of currents, and what comes out as one data set;
-numbers of a machine that are found from measurements on it (`fit_machine`), those for which it is best (`optimise`),
-and what their tolerances make of its results (`analyse_tolerances`).
+"""Parameter studies: a device with varied keys, solved at sets of currents, with the results as one data set; fits of
+its parameters to measurements (`fit_machine`), optimal parameters (`optimise`), and effects of their tolerances
+(`analyse_tolerances`).
 
 Depends on: errors, device, iron, maps (recipes), levitation, pydantic, xarray and h5netcdf (the extra `studies`).
 """
 
 from fieldmap.extras import needs
 
-# As in fieldmap.iron, which solves what is studied: told here for all modules.
+# All modules need scipy, for the solvers of fieldmap.iron. If it is missing, the error is raised here.
 with needs("make", "fieldmap.studies"):
     import scipy
 

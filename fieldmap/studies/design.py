@@ -1,7 +1,7 @@
-"""A problem of design: what of a device may change, what is to be smallest, and what must hold.
+"""Design problems: variables of a device, an objective, and limits.
 
-`fieldmap.studies.reading` makes one of a study file with [optimise], `fieldmap.studies.design_checks` of the arguments
-of `fm.optimise`; `fieldmap.studies.optimisation` solves it.
+`fieldmap.studies.reading` makes one from a study file with [optimise], `fieldmap.studies.design_checks` from the
+arguments of `fm.optimise`; `fieldmap.studies.optimisation` solves it.
 """
 
 from collections.abc import Callable, Mapping
@@ -35,10 +35,10 @@ from fieldmap.studies.study import (
 from fieldmap.typing import Array
 
 CURRENT = "current."
-"""Begins the key of the current of a coil."""
+"""Prefix of the key of a coil's current."""
 Method = Literal["SLSQP", "trust-constr", "COBYQA", "optuna"]
 WITHOUT_SLOPES = frozenset({"COBYQA", "optuna"})
-# Of a difference, as a share of the distance between the bounds.
+# Default step of differences, as a share of the distance between the bounds.
 _STEP = 0.02
 
 
@@ -47,8 +47,8 @@ class Variable(records.Record):
     """A number of the device that may change between bounds, in the unit of its key.
 
     key: a key path of the device file, "parameters.NAME", or "current.NAME" for the current of a coil, A ("current.*"
-    for all of them). start: where the search begins, the device's own value unless given. linked: keys that follow.
-    step: of differences, where derivatives are taken by them; a fiftieth of the distance between the bounds unless
+    for all of them). start: start value, the device's own value unless given. linked: keys that depend on this one.
+    step: of differences, for derivatives without an exact one; a fiftieth of the distance between the bounds unless
     given.
     """
 
@@ -94,7 +94,7 @@ class Variable(records.Record):
         Parameters
         ----------
         value
-            Of the variable.
+            Value of the variable.
 
         Returns
         -------
@@ -115,10 +115,10 @@ class Number(records.Record):
     """A number that a study records, by the name of its column without the unit: "equilibrium_area", "current 5",
     "flux_density 1 z" (of the first point).
 
-    currents: name of the set of currents; may be left out where there is one. minus: of another set, at which the same
-    number is taken and subtracted: how far an equilibrium moves is "equilibrium_x" at one set minus that at another.
-    of: in the place of the name's meaning, a quantity of `state.derivative`, which gives one number and has exact
-    derivatives, or any function of the device and the state, which is differenced. name is then any text.
+    currents: name of the set of currents; may be left out if there is only one. minus: name of another set, at which
+    the same number is subtracted; the shift of an equilibrium, for example, is "equilibrium_x" at one set minus the
+    same at another. of: instead of a recorded number, a scalar quantity of `state.derivative`, with exact derivatives,
+    or a function of the device and the state, with derivatives by differences; name is then any text.
     """
 
     name: Annotated[
@@ -168,7 +168,7 @@ def number_of(given: Number | str | Callable[..., Any]) -> Number:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Limit(records.Record):
-    """A number that must not leave lower to upper, in its SI unit. number: as text, of the only set of currents."""
+    """Bounds of a number in its SI unit. number: a text stands for the number at the only set of currents."""
 
     number: Number | str
     lower: Annotated[
@@ -180,18 +180,18 @@ class Limit(records.Record):
 
     @property
     def asked(self) -> Number:
-        """The number, in a problem of design, where its set of currents is known."""
+        """The number, for a limit in a `DesignProblem`, where it is a `Number`."""
         assert isinstance(self.number, Number)
         return self.number
 
     @property
     def scale(self) -> float:
-        """What its violation is measured by: the largest of its bounds by size; 1 where that is 0."""
+        """Scale of violations: the larger magnitude of its bounds, or 1 if that is 0."""
         finite = [abs(bound) for bound in (self.lower, self.upper) if np.isfinite(bound)]
         return max(finite, default=0.0) or 1.0
 
     def violation(self, value: float) -> float:
-        """How far a value lies outside.
+        """Distance of a value from the allowed range.
 
         Parameters
         ----------
@@ -201,7 +201,7 @@ class Limit(records.Record):
         Returns
         -------
         float
-            In its unit; 0 inside.
+            The distance, in the number's unit; 0 inside the range.
 
         Examples
         --------
@@ -224,7 +224,7 @@ _NUMBER: Any = table_of(Number)
 
 
 class _LimitedNumber(_NUMBER):
-    """The number that a limit is of, in the same table."""
+    """The keys of a limit's number, which are in the table of the limit."""
 
     def also_makes(self) -> Mapping[str, Any]:
         """The number."""
@@ -232,7 +232,7 @@ class _LimitedNumber(_NUMBER):
 
 
 class _Objective(Table):
-    """What is to be smallest or largest."""
+    """The number to minimise or maximise."""
 
     minimise: _NUMBER | None = Field(default=None, description="the number that is to be smallest")
     maximise: _NUMBER | None = Field(default=None, description="or the number that is to be largest")
@@ -252,10 +252,10 @@ def _one_objective(keys: Any) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Search(records.Record):
-    """What is optimised, within which limits: `fieldmap optimise`.
+    """Objective, variables and limits of an optimisation: `fieldmap optimise`.
 
     sign: 1 to minimise the objective, -1 to maximise it. check_refinement: None for no check. besides: other numbers
-    that are asked of each design.
+    that are computed for each design.
     """
 
     objective: Number
@@ -295,7 +295,7 @@ class Search(records.Record):
     besides: tuple[Number, ...] = ()
 
     def renamed(self, name: str, new: str) -> "Search":
-        """The same with another name of one set of currents in all its numbers."""
+        """The search with one set of currents renamed in all its numbers."""
 
         def of(given: Number | str) -> Number:
             number = number_of(given)
@@ -311,8 +311,7 @@ OptimiseKeys = table_of(Search, name="OptimiseKeys", bases=(_Objective,), rules=
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class DesignProblem(Search):
-    """What to optimise. document: the device file; numbers: of the study that objective and limits are made of, with
-    their sets of currents written out."""
+    """A search with its device file (document), sets of currents and iron. Its numbers name their sets of currents."""
 
     title: str
     document: Document
@@ -324,7 +323,7 @@ class DesignProblem(Search):
 
     @property
     def numbers(self) -> tuple[Number, ...]:
-        """Objective first, then those of the limits and others, each once."""
+        """Numbers of the objective, the limits and `besides`, in this order, each once."""
         every = [self.objective, *(limit.asked for limit in self.limits), *self.besides]
         return tuple({one.label: one for one in every}.values())
 
@@ -356,7 +355,7 @@ class DesignProblem(Search):
 
     @property
     def starts(self) -> Array:
-        """Values (k,) of the variables where the search begins."""
+        """Start values (k,) of the variables."""
         return np.array([one.start for one in self.variables], dtype=float)
 
     def named(self, values: Array) -> dict[str, float]:
@@ -392,7 +391,7 @@ class DesignProblem(Search):
     def currents_at(self, values: Array) -> tuple[CurrentSet, ...]:
         """The sets of currents with these values of the variables.
 
-        Coils whose current varies have it in every set whose currents are given.
+        A varied current holds in every set with given currents.
 
         Parameters
         ----------
@@ -420,5 +419,5 @@ def _with_currents(entry: CurrentSet, names: tuple[str, ...], varied: Mapping[st
     amperes = entry.common * entry.shares
     amperes = np.array([varied.get(name, varied.get("*", i)) for name, i in zip(names, amperes, strict=True)])
     common = float(np.abs(amperes).mean())
-    # Without any current there are no shares; the number 0 stands for them.
+    # Without any current the shares are 0.
     return CurrentSet(entry.name, amperes / common if common else amperes, common, entry.carried_at)

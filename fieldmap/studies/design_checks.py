@@ -1,5 +1,5 @@
-"""What a problem of design must keep to, whether it comes from a study file or from arguments of Python, and the
-arguments of `fm.optimise` and `analyse_tolerances` as such a problem, each mistake at its argument."""
+"""Checks of design problems from a study file or from Python arguments; and design problems made from the arguments of
+`fm.optimise` and `analyse_tolerances`, with each mistake reported at its argument."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from fieldmap.studies.quantities import GROUPS
 from fieldmap.studies.study import CurrentSet, Record, StudyIron, current_set, lacking, refused, saturates
 from fieldmap.typing import Array, PathLike
 
-# Places of mistakes, as a file has them.
+# Locations of mistakes, as in a study file.
 _VARIABLE: Location = ("optimise", "variable")
 _LIMIT: Location = ("optimise", "constraint")
 
 
 def checked(draft: DesignProblem, device: Device) -> tuple[DesignProblem, list[Finding]]:
-    """The problem with the starts of its variables filled in, and every mistake of it."""
+    """The problem with the starts of its variables filled in, and all its mistakes."""
     found = [*_of_variables(draft, device), *_of_numbers(draft, device), *_of_settings(draft)]
     if not found:
         draft = replace(draft, variables=tuple(_started(one, draft) for one in draft.variables))
@@ -127,7 +127,7 @@ def _of_settings(draft: DesignProblem) -> Iterator[Finding]:
 
 
 def given_current(key: str, sets: Sequence[CurrentSet], coil_names: Sequence[str]) -> float:
-    """Of a coil, A, in the first set whose currents are given; 0 where there is none."""
+    """Current of a coil, A, in the first set with given currents; 0 if there is none."""
     name = key.removeprefix(CURRENT)
     for entry in sets:
         if entry.common is not None and name in (*coil_names, "*"):
@@ -136,7 +136,7 @@ def given_current(key: str, sets: Sequence[CurrentSet], coil_names: Sequence[str
 
 
 def _started(variable: Variable, draft: DesignProblem) -> Variable:
-    """The variable with the device's own value as its start, where none is given."""
+    """The variable with the device's own value as its start, unless a start is given."""
     if variable.start is not None:
         return variable
     if variable.is_current:
@@ -148,8 +148,7 @@ def _started(variable: Variable, draft: DesignProblem) -> Variable:
 
 
 def _of_pairs(draft: DesignProblem) -> Iterator[Finding]:
-    """Keys and currents that one variable sets and that follow another one as well, which would then do nothing
-    there."""
+    """Findings for keys and currents that depend on two variables, as one of the two would have no effect."""
     of_all = f"{CURRENT}*"
     for k, key in enumerate(draft.keys):
         if of_all in draft.keys and key != of_all and draft.variables[k].is_current:
@@ -172,7 +171,7 @@ def _of_pairs(draft: DesignProblem) -> Iterator[Finding]:
 
 
 def _followers(variable: Variable, document: Document) -> set[Location]:
-    """Every place of the device file whose value follows a variable."""
+    """Every location of the device file with a value that depends on a variable."""
     start = variable.start or 0.0
     sides = [
         changed(document, variable.settings(start + side * variable.difference)).data for side in (0.0, 0.5)
@@ -193,7 +192,7 @@ def _differing(one: Any, other: Any, place: Location) -> Iterator[Location]:
 
 
 def _of_starts(draft: DesignProblem) -> Iterator[Finding]:
-    """Starts outside the bounds, and what the device's schema refuses at the start or at a bound."""
+    """Starts outside the bounds, and values that the device's schema refuses at the start or at a bound."""
     for k, variable in enumerate(draft.variables):
         start = variable.start
         if start is None or not variable.lower <= start <= variable.upper:
@@ -209,7 +208,7 @@ def _of_starts(draft: DesignProblem) -> Iterator[Finding]:
 
 
 def _places(draft: DesignProblem) -> Iterator[tuple[Location, str, Array]]:
-    """The start, and the start with one variable at a bound; where each is told, and in words."""
+    """The start, and the start with one variable at a bound: location of findings, words, and values (k,)."""
     begin = draft.starts
     yield (*_VARIABLE, 0, "start"), "at the start", begin
     for k, variable in enumerate(draft.variables):
@@ -230,7 +229,7 @@ def design_problem(
     box: tuple[ArrayLike, ArrayLike] | None,
     force_share: float,
 ) -> DesignProblem:
-    """A search with the device and the currents that `optimise`, or another caller, was given. Raises InputError with
+    """The design problem of a search, a device and currents, for `optimise` or another caller. Raises InputError with
     one Problem for every mistake."""
     document = device_document(device)
     made = device_of(document)
@@ -259,7 +258,7 @@ def design_problem(
 
 
 def _told(finding: Finding, draft: DesignProblem, caller: str) -> Problem:
-    """A mistake at the argument that it is in."""
+    """A mistake, reported at its argument."""
     where = f"{caller}({finding.location[-1]})"
     match finding.location:
         case ("optimise", "variable"):
@@ -286,8 +285,7 @@ def device_document(device: PathLike | Device) -> Document:
 
 
 def current_sets(given: Any, device: Device, where: str, problems: list[Problem]) -> tuple[CurrentSet, ...]:
-    """The argument `currents` as sets of currents, as `optimise` describes it. where: what its mistakes, which go to
-    `problems`, are told of."""
+    """The argument `currents` of `optimise` as sets of currents. Mistakes are added to `problems`, at `where`."""
     named = given if isinstance(given, Mapping) else {"": 1.0 if given is None else given}
     coils, sets = len(device.coils), []
     for name, one in named.items():

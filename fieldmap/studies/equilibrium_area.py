@@ -1,9 +1,9 @@
-"""The equilibrium area: where around an equilibrium the horizontal force is too small to matter.
+"""The equilibrium area: the area around an equilibrium in which the horizontal force is negligible.
 
-Below a wide pole piece there is an area, not a point, in which nothing but drag stops a magnet. Here it is the part
-of the horizontal plane through the equilibrium in which the horizontal force stays below a share f of the weight, as
-far as straight lines from the equilibrium stay inside. While the force is proportional to the displacement, with
-stiffnesses k_x and k_y along the axes, it is an ellipse,
+Below a wide pole piece there is an area, not a point, in which only drag stops a magnet. Here it is the part of the
+horizontal plane through the equilibrium in which the horizontal force stays below a share f of the weight, as far as
+straight lines from the equilibrium stay inside. If the force is proportional to the displacement, with stiffnesses k_x
+and k_y along the axes, it is an ellipse,
 
     A = pi (f m g)^2 / (k_x k_y)                                                          docs/studies.md (1)
 """
@@ -19,15 +19,15 @@ from fieldmap.typing import Array
 DIRECTIONS = 64
 STEPS = 12
 BISECTIONS = 14
-# Steps go this far beyond where proportional forces would reach the limit, if the workspace does.
+# Largest radius of the steps, over the radius at which a proportional force reaches the limit.
 FARTHER = 3.0
 
 
 def equilibrium_area(field: Field, found: Equilibrium, payload: Payload, share: float) -> float:
     """Area in which the horizontal force stays below a share of the weight.
 
-    By 64 directions, in each the first crossing of the limit; half the mean of r^2 times 2 pi, whose error
-    falls faster than any power of the number of directions for a smooth outline.
+    The area is pi times the mean of r^2 over 64 directions, with r the first crossing of the limit. For a smooth
+    outline its error falls faster than any power of the number of directions.
 
     Parameters
     ----------
@@ -36,9 +36,9 @@ def equilibrium_area(field: Field, found: Equilibrium, payload: Payload, share: 
     found
         The equilibrium.
     payload
-        What is levitated.
+        The levitated body.
     share
-        Of the weight.
+        Share of the weight.
 
     Returns
     -------
@@ -48,7 +48,7 @@ def equilibrium_area(field: Field, found: Equilibrium, payload: Payload, share: 
     Raises
     ------
     FieldmapError
-        Where the equilibrium is not stable in the plane, and where the workspace ends first.
+        If the equilibrium is not stable in the plane, or the workspace ends first.
     """
     radii, _ = area_outline(field, found, payload, share)
     return float(np.pi * np.mean(radii**2))
@@ -70,7 +70,7 @@ def area_outline(field: Field, found: Equilibrium, payload: Payload, share: floa
     radii = np.linspace(0.0, 1.0, STEPS + 1)[1:] * np.minimum(edge, FARTHER * expected)[:, None]
 
     def excess(lengths: Array) -> Array:
-        """Horizontal force less the limit at lengths (64, k), N."""
+        """Horizontal force minus the limit at lengths (64, k), N."""
         points = np.empty((*lengths.shape, 3))
         points[..., :2] = found.position[:2] + lengths[..., None] * rays[:, None]
         points[..., 2] = found.position[2]
@@ -97,7 +97,7 @@ def area_outline(field: Field, found: Equilibrium, payload: Payload, share: floa
 
 
 def _distance_to_edge(field: Field, start: Array, rays: Array) -> Array:
-    """How far the box goes from a point in its plane along the rays."""
+    """Distances from a point in the plane to the edge of the box along the rays."""
     lower, upper = require_bounds(field)
     with np.errstate(divide="ignore"):
         to_lower = (lower[:2] - start) / rays

@@ -1,8 +1,8 @@
-"""Unknown numbers of a machine from measurements on it: keys of its device file, fitted on solved fields.
+"""Parameters of a machine fitted to measurements on it: keys of its device file, with solved fields.
 
-The device is read, meshed and solved anew with every set of values, so that anything the device file holds may be
-unknown. How the fit goes is said in `fieldmap.levitation.unknowns`. A fit file names the unknown keys, the tables that
-were measured on the machine, and how the iron is solved.
+The device is read, meshed and solved anew with every set of values, so that any key of the device file may be unknown.
+`fieldmap.levitation.unknowns` describes the fit. A fit file names the unknown keys, the tables of measurements, and the
+model of the iron.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -70,7 +70,7 @@ TableName = Annotated[str, Key(Text, "name of the table", examples=("on the axis
 
 @runtime_checkable
 class Readings(Measured, Protocol):
-    """Measured numbers and what the machine would show.
+    """Measured numbers, and the same numbers computed for a device.
 
     name: of the table; measured (n,), NaN where nothing was read; deviation: their standard deviation, one or (n,).
     """
@@ -143,8 +143,8 @@ class FieldReadings(Record):
 class InductanceReadings(Record):
     """Inductances of coils.
 
-    measured (n,), H, between pairs of coils (n, 2), by number from 0 or by name; the same twice: of one coil. Of linear
-    iron; saturating iron is taken at its initial permeability.
+    measured (n,), H, between pairs of coils (n, 2), by number from 0 or by name; a pair of equal coils means the coil's
+    own inductance. The iron is linear; saturating iron has its initial permeability.
     """
 
     name: TableName
@@ -251,11 +251,11 @@ class ComputedReadings(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MachineFit(Record):
-    """Unknowns found. values: by key path, in the units of the keys; covariance (k, k) and correlation (k, k) in their
-    order; indistinct: groups of unknowns of which the readings hold some combination no better than its own size.
+    """Result of a fit. values: by key path, in the units of the keys; covariance (k, k) and correlation (k, k) in their
+    order; indistinct: groups of unknowns with a combination whose standard deviation exceeds its size.
 
-    tables: every table of readings, those that were predicted too. device: the machine with these values. solves: how
-    many were needed.
+    tables: all tables of readings, also predicted ones. device: the machine with these values. solves: number of
+    solves.
     """
 
     values: Mapping[str, float]
@@ -291,41 +291,41 @@ def fit_machine(
     workers: int = 1,
     scheduler: str | None = None,
 ) -> MachineFit:
-    """Find numbers of a device from measurements.
+    """Fit numbers of a device to measurements.
 
     Parameters
     ----------
     device
-        A file, its name, or made in Python.
+        Device file, name of a shipped device, or a device made in Python.
     unknowns
-        The numbers to find.
+        The numbers to fit.
     readings
-        What is fitted.
+        Tables to which they are fitted.
     predict
-        Tables that are not fitted, computed with the fit and with error bars from it.
+        Tables that are not fitted, but predicted with error bars.
     solve
-        Gives the field of a device; `solve_linear` or, where its iron saturates, `NonlinearSolver` unless
-        given.
+        Function that returns the field of a device; unless given, `NonlinearSolver` if its iron saturates, else
+        `solve_linear`.
     on_solve
         Called with the values of each solve.
     close
-        The search ends where all unknowns change by less than this share of their values.
+        The search ends when all unknowns change by less than this share of their values.
     workers
-        Processes that compute the derivatives' solves, a table each: `fieldmap.parallel.Workers`. Readings and `solve`
+        Processes that solve for the derivatives, one table each: `fieldmap.parallel.Workers`. Readings and `solve`
         are then pickled.
     scheduler
-        Address of a dask scheduler whose workers compute them.
+        Address of a dask scheduler whose workers are used instead.
 
     Returns
     -------
     MachineFit
-        The numbers, and how certain they are.
+        The numbers with their uncertainty.
 
     Raises
     ------
     InputError
-        For keys that the device lacks, tables without numbers, fewer readings than unknowns; and what reading
-        and solving a device with the values that are tried raise.
+        For keys that the device lacks, tables without numbers, fewer readings than unknowns; and errors of
+        reading and solving a device with the values that are tried.
 
     Examples
     --------
@@ -350,8 +350,7 @@ def fit_machine(
 
 
 def solved_field(device: Device, model: str | None = None, refinement: float = 1.0) -> AnyField:
-    """The field of a device with iron that is "linear" or "saturating", which it is where a material saturates unless
-    given."""
+    """The field of a device. model: of its iron, "linear" or "saturating"; by default saturating if a material is."""
     if device.bodies and (model == "saturating" or (model is None and saturates(device))):
         return NonlinearSolver(device, refinement)
     return solve_linear(device, refinement=refinement)
@@ -363,7 +362,7 @@ def _tables(
     values: dict[str, float],
     tables: Sequence[Readings],
 ) -> list[Array]:
-    """The numbers of tables of one device, which is solved once."""
+    """The numbers of several tables for one device, which is solved once."""
     device = read_device(source, values)
     field = solve(device)
     found = []
@@ -385,7 +384,7 @@ class _Stated(rules.Table):
 
 
 def _lengths(table: Any, count: int, what: str, *keys: str) -> Iterator[Finding]:
-    """Lists of other lengths than they must have."""
+    """Findings for lists of a wrong length."""
     for key in keys:
         given = getattr(table, key)
         if isinstance(given, list) and len(given) != count:
@@ -407,14 +406,14 @@ def _a_row_for_each_point(keys: Any) -> None:
 
 
 class _Probe(_Stated):
-    """What a probe read."""
+    """Readings of a probe."""
 
     components: Some[Literal["x", "y", "z"]] = Field(
         default=["x", "y", "z"], description="what was read", examples=[["z"]]
     )
 
     def also_makes(self) -> Mapping[str, Any]:
-        """All components, and a deviation of each; NaN for what was not read."""
+        """All components, NaN for those that were not read, and a deviation of each."""
         keys: Any = self
         measured = np.full((len(keys.points_mm), 3), np.nan)
         measured[:, ["xyz".index(letter) for letter in self.components]] = keys.measured_mT
@@ -429,7 +428,7 @@ _LIFT: Any = table_of(LiftCurrentReadings, bases=(_Stated,))
 
 
 def _probe_mistakes(table: Any, device: Device) -> Iterator[Finding]:
-    """Deviations and currents of other numbers than points and coils."""
+    """Findings for deviations and currents that do not fit the numbers of points and coils."""
     yield from _lengths(table, len(table.points_mm), "points", "deviation_mT")
     given, coils = table.currents_A, len(device.coils)
     rows = given if isinstance(given, list) and isinstance(given[0], list) else None
@@ -443,7 +442,7 @@ def _probe_mistakes(table: Any, device: Device) -> Iterator[Finding]:
 
 
 def _bridge_mistakes(table: Any, device: Device) -> Iterator[Finding]:
-    """Numbers that do not fit the pairs, and coils that the device does not have."""
+    """Findings for numbers that do not fit the pairs, and for coils that the device does not have."""
     yield from _lengths(table, len(table.coils), "pairs", "measured_mH", "deviation_mH")
     names = list(device.coil_names)
     for j, pair in enumerate(table.coils):
@@ -455,7 +454,7 @@ def _bridge_mistakes(table: Any, device: Device) -> Iterator[Finding]:
 
 
 def _lift_mistakes(table: Any, device: Device) -> Iterator[Finding]:
-    """Numbers that do not fit the places or coils, and a device without a payload."""
+    """Findings for numbers that do not fit the places or coils, and for a device without a payload."""
     yield from _lengths(table, len(table.positions_mm), "places", "measured_A", "deviation_A")
     yield from _lengths(table, len(device.coils), "coils", "shares")
     if device.payload is None:
@@ -481,8 +480,8 @@ def _lift_labels(table: Any) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class _Kind:
-    """A kind of readings. mistakes: what does not fit the device or other keys; labels: what each reading is; unit: in
-    which the file states the readings, and how many SI units that is."""
+    """A kind of readings. mistakes: findings for keys that do not fit the device or each other; labels: name of each
+    reading; unit: of the readings in the file, and its SI value."""
 
     mistakes: Callable[[Any, Device], Iterator[Finding]]
     labels: Callable[[Any], Iterator[str]]
@@ -552,9 +551,9 @@ FIT = FileKind(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit(Record):
-    """What a fit file asks for. path, device_path: the files; readings are fitted, those of `predict` are not; solve:
-    the field of a device; labels: by table, what each reading is; units:
-    by table, the unit in which the file states it and how many SI units that is."""
+    """The fit of a fit file. path, device_path: the files; readings are fitted, those of `predict` are not; solve:
+    returns the field of a device; labels: names of the readings, by table; units: unit of a table's readings in the
+    file and its SI value, by table."""
 
     path: Path
     title: str

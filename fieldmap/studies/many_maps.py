@@ -1,6 +1,6 @@
 """One map for each variant of a study, as one job: `fieldmap map RECIPE --over STUDY`, `fm.generate_many`.
 
-Variants are those of the study file. A finished map is left alone, so that a run that was stopped goes on where it was.
+A finished map is not made again, so that an interrupted run can be resumed.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ from fieldmap.studies.run import (
 from fieldmap.studies.study import Study, Value
 from fieldmap.typing import PathLike, Progress
 
-# Tables of a device file that do not change what the iron of linear maps is solved for. They only decide which maps
-# are made one after the other: what maps share is found by its contents (`SharedSolves`).
+# Tables of a device file that do not change the solution of linear iron. They decide only the order of the maps;
+# `SharedSolves` finds solutions that maps share by their contents.
 _NOT_OF_THE_IRON = ("coil", "payload", "driver", "workspace", "sensor", "reference", "section", "provenance")
 _LOOKUP = "harmonic"
 _ERRORS = {
@@ -70,7 +70,7 @@ class ManyMaps(Record):
 
 
 class _Job(NamedTuple):
-    """What all maps have in common; each process adds what maps with the same iron have solved."""
+    """Data common to all maps; each process adds the solutions that maps with the same iron share."""
 
     recipe: Recipe
     document: Document
@@ -80,8 +80,8 @@ class _Job(NamedTuple):
 
 
 class _Made(NamedTuple):
-    """Stated errors of one map, in the order of `_ERRORS`, NaN where there is none, and its nodes; or why there is no
-    map."""
+    """Stated errors of one map, in the order of `_ERRORS`, NaN where there is none, and its nodes; or the problem if
+    there is no map."""
 
     errors: Sequence[float] = (np.nan,) * len(_ERRORS)
     lower: Sequence[float] = (np.nan,) * 3
@@ -104,24 +104,24 @@ def generate_many(
 ) -> ManyMaps | None:
     """Make the map of a recipe for every variant of a study, and an index of the maps.
 
-    Maps of linear iron share what they can: each process solves one iron once for variants that differ in other
-    tables of the device, one box once, and coils once that differ in turns alone. A variant that fails is recorded
-    with its reason, and the others go on; another run tries it again.
+    Maps of linear iron share solutions. If several variants have the same iron, the same box, or coils that differ only
+    in turns, each process solves it once for all of them. A variant that fails is recorded with its reason, and does
+    not stop the others; another run tries it again.
 
     Parameters
     ----------
     recipe
         Path of a recipe file, or the name of a shipped one.
     over
-        Path of a study file, name of a shipped one, or what `fieldmap.studies.read_study` returns. Its device is that
-        of the recipe; its currents, iron and records are not used.
+        Path of a study file, name of a shipped one, or a `Study`. Its device must be that of the recipe; its currents,
+        iron and records are not used.
     output
-        The index, NetCDF, with the same as CSV beside it and the maps in a folder of its name;
-        maps/out/STUDY_maps.nc unless given. Every worker must see this folder.
+        NetCDF file of the index; maps/out/STUDY_maps.nc unless given. A CSV file of the index and the folder of the
+        maps have the same name. Every worker must see this folder.
     resume
-        Leave finished maps alone, and go on with begun ones, if everything that decides their numbers is the same.
+        Keep finished maps, and continue begun ones, if everything that determines their numbers is the same.
     workers, scheduler
-        Who makes the maps, one map at a time each: as for `fieldmap.studies.run_study`.
+        Processes that make the maps, each one map at a time: as for `fieldmap.studies.run_study`.
     progress
         Called as progress(message, fraction) after each map; None, True and False as for `fieldmap.generate`.
     accept_error
@@ -133,14 +133,14 @@ def generate_many(
     Returns
     -------
     ManyMaps | None
-        The maps; None of a part.
+        The maps; None for a part.
 
     Raises
     ------
     RecipeError, StudyError, InputError
         Before any long work.
     FieldmapError
-        Where xarray or h5netcdf are missing.
+        If xarray or h5netcdf is missing.
 
     Examples
     --------
@@ -188,7 +188,7 @@ def generate_many(
 
 
 def map_files(study: Study, index: Path) -> list[Path]:
-    """The map of each variant: numbered from 1, in a folder beside the index."""
+    """Paths of the maps of all variants, numbered from 1, in a folder next to the index."""
     digits = len(str(len(study.variants)))
     folder = index.with_suffix("")
     return [folder / f"{number + 1:0{digits}d}.h5" for number in range(len(study.variants))]
@@ -203,14 +203,14 @@ def _require_one_device(order: Recipe, study: Study) -> None:
 
 
 class _Pieces:
-    """Seconds of maps: those that are done, and all, where the first with an iron takes longer than the others."""
+    """Seconds of the finished maps and of all maps. The first map of an iron takes longer than the others."""
 
     def __init__(self, first: Sequence[bool]) -> None:
         self._first, self._left = first, [first.count(False), first.count(True)]
         self._seconds: tuple[list[float], list[float]] = ([], [])
 
     def count(self, index: int, seconds: float) -> None:
-        """One is done."""
+        """Note a finished map."""
         kind = self._first[index]
         self._left[kind] -= 1
         self._seconds[kind].append(seconds)
@@ -227,8 +227,8 @@ class _Pieces:
 
 
 def _groups(study: Study) -> list[list[int]]:
-    """Numbers of the variants: those with the same iron together, and of these, those that differ in turns alone one
-    after the other."""
+    """Numbers of the variants in groups of the same iron; in a group, variants that differ only in turns follow each
+    other."""
     groups: dict[str, dict[str, list[int]]] = {}
     for number, variant in enumerate(study.variants):
         data = variant.document.data
@@ -246,7 +246,7 @@ def _job(recipe: Recipe, document: Document, resume: bool, accept_error: bool) -
 
 
 def _made(job: _Job, item: tuple[Sequence[tuple[str, Value]], str]) -> _Made:
-    """Make one map, in the process that got it."""
+    """Make one map, in a worker process."""
     settings, file = item
     device = device_of(changed(job.document, settings))
     with shown_or_silent("map", False) as say:

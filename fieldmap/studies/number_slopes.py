@@ -1,8 +1,8 @@
 """Exact derivatives of the numbers of a study by the variables of a design, from the adjoint of the solved state.
 
-A number Q of an operating point follows a variable p through the field at fixed places, through the currents, and
-through the place of the equilibrium. With the common current i, F_z the lift at the place that is carried, F and K
-force and stiffness at the equilibrium x,
+A number Q of an operating point depends on a variable p through the field at fixed places, through the currents, and
+through the place of the equilibrium. With the common current i, F_z the lift at the place where the payload is carried,
+F and K force and stiffness at the equilibrium x,
 
     di/dp = -F_z,p / F_z,i,      dx/dp = K^-1 (F_p + F_i di/dp),      dQ/dp = Q_p + Q_i di/dp + Q_x dx/dp,
 
@@ -47,14 +47,14 @@ from fieldmap.studies.quantities import NEED_PAYLOAD, Places
 from fieldmap.studies.variant_result import OperatingPoint, box_grid, inhomogeneities, winding_resistances
 from fieldmap.typing import Array
 
-# Half the distance of differences in the solved field, m.
+# Step of central differences in the solved field, m.
 _APART = 2e-5
-# The same on the outline of the equilibrium area, at most this share of its radius.
+# Largest step on the outline of the equilibrium area, as a share of its radius.
 _SHARE = 1e-2
 
 
 class VariedParameters(Parameters):
-    """The variables of a design at their values, each with all that follows it, as parameters of `derivatives`."""
+    """The variables of a design at their values, with the keys that depend on them, as parameters of `derivatives`."""
 
     def __init__(
         self, device: Device, document: Document, variables: tuple[Variable, ...], values: Mapping[str, float]
@@ -68,7 +68,7 @@ class VariedParameters(Parameters):
         return self._values[key]
 
     def change(self, key: str, step: float | None = None) -> Change:
-        """What follows a variable; found once."""
+        """The changes of the device with a variable, cached."""
         if (key, step) not in self._changes:
             self._changes[key, step] = super().change(key, step)
         return self._changes[key, step]
@@ -80,7 +80,7 @@ class VariedParameters(Parameters):
 
 @dataclass(frozen=True, repr=False)
 class Slopes(Record):
-    """Derivatives: by label of the number and key of the variable. refused: keys without an exact one, and why."""
+    """by: derivatives by label of the number and key of the variable. refused: keys without an exact one, and why."""
 
     by: Mapping[str, Mapping[str, float]]
     refused: Mapping[str, str]
@@ -93,8 +93,8 @@ def exact_slopes(
     parameters: VariedParameters,
     keys: tuple[str, ...],
 ) -> Slopes:
-    """What can be derived exactly, of numbers at this point. places: of all numbers by name. Raises FieldmapError where
-    no state has derivatives."""
+    """Exact derivatives of those numbers at this point that have them. places: of all numbers by name. Raises
+    FieldmapError if the state has no derivatives."""
     work = _Slopes(point, parameters)
     found = {number.label: _rule(work, number, places) for number in numbers}
     rules = {label: rule for label, rule in found.items() if rule is not None}
@@ -106,7 +106,7 @@ def exact_slopes(
 
 
 def _rule(work: _Slopes, number: Number, places: Places) -> Callable[[], Array] | None:
-    """What gives the derivatives (k,) of a number once all that is needed has been taken; None where it has none."""
+    """The function that gives the derivatives (k,) of a number after `take`; None for a number without exact ones."""
     payload = work.point.device.payload
     pieces = payload is not None and bool(payload.pieces)
     if pieces and work.carries:
@@ -125,12 +125,12 @@ def _rule(work: _Slopes, number: Number, places: Places) -> Callable[[], Array] 
 
 
 class _Stacked(Quantity):
-    """Several quantities in a row. sizes: how many numbers each of them is, once their weights have been taken."""
+    """Several quantities as one. sizes: numbers of values of each of them, known after a call of `weights`."""
 
     def __init__(self, parts: tuple[Quantity, ...]) -> None:
         self._parts = parts
         self.sizes: list[int] = []
-        # Linkages in air take a second for each pair of coils.
+        # Only what the parts use: linkages in air take a second for each pair of coils.
         self.uses = tuple(dict.fromkeys(use for part in parts for use in part.uses))  # type: ignore[misc]
         ends = np.cumsum([0, *(len(part.points) for part in parts)]).tolist()
         self._where = [slice(a, b) for a, b in itertools.pairwise(ends)]
@@ -141,11 +141,11 @@ class _Stacked(Quantity):
         return np.concatenate([np.zeros((0, 3)), *(part.points for part in self._parts)])
 
     def of(self, samples: Samples) -> Array:
-        """Their numbers (k,)."""
+        """Values (k,) of all."""
         return np.concatenate([np.ravel(part.of(own)) for part, own, _ in self._each(samples)])
 
     def weights(self, samples: Samples) -> Weights:
-        """How they follow the samples, each those of its own points."""
+        """Derivatives by the samples; each quantity depends only on the samples at its own points."""
         found = []
         for part, samples_of_part, where in self._each(samples):
             own = part.weights(samples_of_part)
@@ -164,7 +164,7 @@ class _Stacked(Quantity):
 
 
 class _Slopes:
-    """Derivatives at an operating point: what is needed is noted first, then taken in one call."""
+    """Derivatives at an operating point: quantities are noted first (`need`), then derived in one call (`take`)."""
 
     def __init__(self, point: OperatingPoint, parameters: VariedParameters) -> None:
         self.point, self.parameters = point, parameters
@@ -179,22 +179,22 @@ class _Slopes:
 
     @property
     def carries(self) -> bool:
-        """Whether the currents are those that carry."""
+        """Whether the currents are computed to carry the payload."""
         return self.point.entry.common is None
 
     def need(self, name: str, quantity: Quantity, by_place: Callable[[], Array] | None = None) -> None:
-        """Note a quantity. by_place: its derivative (n, 3) by the place of the equilibrium, where it follows that."""
+        """Note a quantity. by_place: its derivative (n, 3) by the place of the equilibrium, if it depends on that."""
         self._parts.setdefault(name, quantity)
         if by_place is not None and name not in self._by_place:
             self._by_place[name] = by_place()
 
     def need_place(self) -> None:
-        """Note what tells how the equilibrium moves."""
+        """Note the force at the equilibrium, from which the motion of the equilibrium follows."""
         found = self.point.equilibrium()
         self.need("balance", DipoleForce(found.position, found.moment))
 
     def take(self, keys: tuple[str, ...]) -> None:
-        """All that is needed, by these keys; those that have no exact derivative are noted with the reason."""
+        """Derivatives of all noted quantities by these keys. Keys without exact ones are refused with the reason."""
         point = self.point
         state: Any = point.iron.field.at(point.currents)
         self._refuse_other_changes(keys)
@@ -224,7 +224,7 @@ class _Slopes:
         self._by_level = dict(zip(self._parts, np.split(by_level, ends), strict=True))
 
     def _refuse_other_changes(self, keys: tuple[str, ...]) -> None:
-        """Variables that change what is neither coil, nor iron, nor background: the derivatives do not see it."""
+        """Refuse variables that change payload, workspace or driver, on which the derivatives do not depend."""
         for key in keys:
             change = self.parameters.change(key)
             other = [name for name in ("payload", "workspace", "driver") if change.has(name)]
@@ -233,7 +233,7 @@ class _Slopes:
 
     @property
     def _followed(self) -> Array:
-        """1 for each key (k,), and 0 for a current, which currents that carry do not follow."""
+        """1 for each key (k,); 0 for a current, if the currents are computed to carry the payload."""
         return np.array([not (self.carries and key.startswith(CURRENT)) for key in self.keys], dtype=float)
 
     @cached_property
@@ -258,7 +258,7 @@ class _Slopes:
         return np.asarray(np.linalg.solve(self._stiffness(), force), dtype=float)
 
     def _stiffness(self) -> Array:
-        """-dF/dx (3, 3) at the equilibrium, by shorter differences than that which is recorded."""
+        """-dF/dx (3, 3) at the equilibrium, with a shorter step of differences than the recorded stiffness."""
         found = self.point.equilibrium()
         steps = _APART * np.eye(3)
         where = np.concatenate([found.position + steps, found.position - steps])
@@ -266,7 +266,7 @@ class _Slopes:
         return -(force[:3] - force[3:]).T / (2 * _APART)
 
     def total(self, name: str) -> Array:
-        """Derivatives (n, k) of a quantity, with the currents and the place that follow."""
+        """Total derivatives (n, k) of a quantity, with the changes of currents and place."""
         out = self._by_key[name] + np.outer(self._by_level[name], self.level)
         return out + self._by_place[name] @ self.place if name in self._by_place else out
 
@@ -300,7 +300,7 @@ def _at_point(work: _Slopes, at: tuple[int, ...], kind: Callable[[Array], Quanti
 
 
 def _force_per_ampere(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
-    """Of fields that are proportional to the currents: F / i."""
+    """F / i, for fields that are proportional to the currents."""
     point = work.point
     if not as_field(point.iron.field).proportional:
         return None
@@ -314,7 +314,7 @@ def _force_per_ampere(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
 
 
 class _Inhomogeneities(Quantity):
-    """`inhomogeneities` of the field at points: hundreds of samples, of which differences would take two calls each."""
+    """`inhomogeneities` of the field at hundreds of points, for each of which differences would take two calls."""
 
     uses = ("field",)
 
@@ -327,11 +327,11 @@ class _Inhomogeneities(Quantity):
         return self._points
 
     def of(self, samples: Samples) -> Array:
-        """Root mean square and largest."""
+        """Root mean square and largest inhomogeneity."""
         return np.array(inhomogeneities(samples.field))
 
     def weights(self, samples: Samples) -> Weights:
-        """In closed form; none of a field that is the same everywhere, where both have a kink."""
+        """In closed form; zero for a uniform field, at which both have a kink."""
         count, mean = len(samples.field), samples.field.mean(axis=0)
         apart = samples.field - mean
         sizes = np.linalg.norm(apart, axis=1)
@@ -389,7 +389,7 @@ def _area(work: _Slopes, at: tuple[int, ...]) -> Rule:
     def sizes(field: Any, points: Array) -> Array:
         return np.linalg.norm(dipole_force(found.moment, field.gradient(points))[:, :2], axis=1)
 
-    # The force vanishes in the middle: its size has no derivative there.
+    # The steps stay away from the equilibrium, where the magnitude of the force has no derivative.
     apart = min(_APART, _SHARE * float(radii.min()))
     steps = apart * np.eye(3)
     by_step = np.array([sizes(state, outline + step) - sizes(state, outline - step) for step in steps]).T
@@ -402,7 +402,7 @@ def _area(work: _Slopes, at: tuple[int, ...]) -> Rule:
 
 
 def _inductance(work: _Slopes, at: tuple[int, ...]) -> Rule | None:
-    """Of linear iron: the linkage of one coil by one ampere in the other."""
+    """For linear iron: the linkage of one coil at one ampere in the other."""
     field, names = work.point.iron.field, work.point.device.coil_names
     if not isinstance(field, LinearSolution) or not field.proportional:
         return None

@@ -1,4 +1,4 @@
-"""The maps of `generate_many` as one xarray data set, read from their files when they are asked for."""
+"""The maps of `generate_many` as one xarray data set, read from their files on access."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 def open_maps(index: PathLike, currents: Any = None) -> xarray.Dataset:
     """The index of many maps, with their fields at the nodes as variables that are read map by map.
 
-    Selections read the maps that they name, one at a time; what was read is not kept. The axes of the variants are
-    those of the study's own data set, so that `xarray.merge` puts its numbers beside the fields.
+    A selection reads only its own maps, one at a time, and keeps only the last one. The axes of the variants are those
+    of the study's own data set, so that `xarray.merge` can join the two.
 
     Parameters
     ----------
@@ -33,12 +33,12 @@ def open_maps(index: PathLike, currents: Any = None) -> xarray.Dataset:
     -------
     xarray.Dataset
         The index, and the variables of `FieldMap.to_xarray` with the axes of the variants before theirs; NaN where
-        there is no map. Without `certified_error`: the index has those of each map.
+        there is no map. The attribute `certified_error` is left out, as the index has it for each map.
 
     Raises
     ------
     FieldmapError
-        Where xarray or h5netcdf are missing.
+        If xarray or h5netcdf is missing.
     InputError
         If there is no such file or no map, or if the maps have different nodes.
     """
@@ -68,7 +68,7 @@ def open_maps(index: PathLike, currents: Any = None) -> xarray.Dataset:
 
 
 class _Maps:
-    """The maps of an index; the last one that was read stays, because its fields are asked for one after the other."""
+    """The maps of an index; the last one is cached, because its fields are read one after the other."""
 
     def __init__(self, folder: Path, files: Array, currents: Any) -> None:
         self.files = files

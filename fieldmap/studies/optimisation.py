@@ -1,9 +1,9 @@
 """Design by optimisation: the best values of numbers of a device under limits (`fm.optimise`).
 
-SciPy's optimisers do the search, or Optuna's samplers; `fieldmap.studies.search` solves the designs that they ask for,
-each once, and keeps them. When the search ends, the best design is solved on a finer mesh. Where a limit does not hold
-there, the difference between the meshes is added to every number and the search goes on from there: what is limited is
-then the number of the finer mesh, to first order.
+SciPy's optimisers or Optuna's samplers do the search; `fieldmap.studies.search` solves the designs that they ask for,
+each once, and keeps them. When the search ends, the best design is solved on a finer mesh. If a limit does not hold
+there, the difference between the meshes is added to every number, and the search continues: to first order the limits
+then hold for the finer mesh.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ from fieldmap.studies.run import checked_output, require_xarray, write_netcdf
 from fieldmap.studies.search import Designs, Evaluation, SearchEnded, searching
 from fieldmap.typing import Array, PathLike, Progress
 
-# Searches from the best design on after a limit has failed on the finer mesh.
+# Most repetitions of the search after a limit has failed on the finer mesh.
 _CORRECTIONS = 2
 # Share of a limit's scale within which it counts as active.
 _ACTIVE = 1e-2
-# First radius of the trust region of methods without derivatives, of the distance between the bounds.
+# First radius of the trust region of methods without derivatives, as a share of the distance between the bounds.
 _FIRST_RADIUS = 0.25
-# The same once a limit has failed on the finer mesh: the best design is near.
+# The same in a repetition, which begins near the best design.
 _NEAR_RADIUS = 0.0625
 
 
@@ -78,25 +78,25 @@ def optimise(
     Parameters
     ----------
     device
-        A file, its name, or made in Python.
+        Device file, name of a shipped device, or a device made in Python.
     variables
-        What may change.
+        The variables, with their bounds.
     objective
         The name of a number that studies record ("equilibrium_area", "power", "flux_density 1 z": docs/studies.md), a
         `Number`, or a function (device, state) -> number.
     constraints
         Numbers and their bounds, SI units.
     currents
-        A: one number for all coils, one per coil, `Carrying(position)` for those that carry the payload, or several of
-        these by name; 1 A unless given.
+        A: one number for all coils, one per coil, `Carrying(position)` for currents that carry the payload, or several
+        of these by name; 1 A unless given.
     maximise
-        Whether the number is to be largest.
+        Whether the number is maximised.
     saturating
-        Whether the iron saturates; it does where the device's materials do unless given.
+        Whether the iron saturates; by default as its materials do.
     refinement
         Divides the mesh sizes.
     points
-        Points (n, 3), m, of the numbers at points.
+        Points (n, 3), m, for numbers at points.
     box
         Lower and upper corner, m, for "inhomogeneity".
     force_share
@@ -105,18 +105,18 @@ def optimise(
         "SLSQP" or "trust-constr" (derivatives: exact where the adjoint gives them, differences of solved designs
         otherwise), "COBYQA" (none), or "optuna" (none, for designs with several optima; extra "optuna").
     solves
-        At most that many designs.
+        Largest number of designs that are solved.
     tolerance
-        Relative change at which the search ends, and violation of a limit, over its bound, that counts as none.
+        Relative change at which the search ends, and largest violation of a limit, over its bound, that is accepted.
     check_refinement
-        How much finer the mesh of the last check is; None for no check, and of no account without iron.
+        How much finer the mesh of the last check is; None for no check. Without iron there is no check.
     seed
-        Of Optuna's sampler.
+        Seed of Optuna's sampler.
     output
-        NetCDF file of the path, with CSV and the designs solved so far (.kept) beside it: a run that was killed goes
-        on from them and solves none twice. Functions of Python are told apart by their name alone there.
+        NetCDF file of the path. A CSV file and the designs solved so far (.kept) have the same name; a run that was
+        killed continues from them and solves none twice. They identify Python functions only by their names.
     resume
-        Whether the designs of an earlier run are taken.
+        Whether the designs of an earlier run are used.
     workers
         Designs solved at a time where derivatives are differences.
     progress
@@ -127,15 +127,15 @@ def optimise(
     Returns
     -------
     Optimum
-        The best design. A design that cannot be solved is kept as a failure, counts as worse than all others, and the
-        search goes on.
+        The best design. A design that cannot be solved is kept as a failure and counts as worse than all others; the
+        search continues.
 
     Raises
     ------
     InputError
-        For arguments that make no sense, and where the start cannot be solved.
+        For wrong arguments, and if the start cannot be solved.
     NoFeasibleDesign
-        Where no design meets the limits, with a problem for each limit that fails.
+        If no design meets the limits, with a problem for each violated limit.
     MissingExtraError
         Without Optuna or xarray.
 
@@ -184,7 +184,7 @@ def solve_problem(
     output
         NetCDF file of the path; none unless given.
     resume
-        Whether the designs of an earlier run are taken.
+        Whether the designs of an earlier run are used.
     workers
         Designs solved at a time where derivatives are differences.
     progress
@@ -246,7 +246,7 @@ def _search(search: Designs) -> Optimum:
 
 
 def _minimised(search: Designs, z: Array) -> str:
-    """Let an optimiser search from scaled values; why it ended."""
+    """Let an optimiser search from scaled values, and return why it ended."""
     try:
         return _by_optuna(search, z) if search.problem.method == "optuna" else _by_scipy(search, z)
     except SearchEnded as end:
@@ -263,7 +263,7 @@ def _by_scipy(search: Designs, z: Array) -> str:
         "COBYQA": _trust_region(search.problem, _NEAR_RADIUS if search.shift else _FIRST_RADIUS),
     }
     with warnings.catch_warnings():
-        # Of a function that happens to be linear; nothing is wrong with it.
+        # A harmless warning about functions that are linear.
         warnings.filterwarnings("ignore", message="delta_grad")
         found = minimize(
             search.objective,
@@ -278,7 +278,7 @@ def _by_scipy(search: Designs, z: Array) -> str:
 
 
 def _trust_region(problem: DesignProblem, radius: float) -> dict[str, float]:
-    """Of COBYQA: first and last radius. Near an optimum the objective changes with the square of the distance."""
+    """First and last radius of COBYQA. Near an optimum the objective changes with the square of the distance."""
     return {"initial_tr_radius": radius, "final_tr_radius": min(problem.tolerance**0.5, 0.5 * radius)}
 
 
@@ -288,9 +288,9 @@ def _require_optuna() -> ModuleType:
 
 
 def _by_optuna(search: Designs, z: Array) -> str:
-    """Let Optuna's sampler of tree-structured Parzen estimators choose designs, the first at scaled values z, until as
-    many are solved as the problem allows; how it ended. For designs with several optima, where derivatives lead to the
-    nearest. Its seed is the problem's: a run that is resumed asks for the same designs."""
+    """Let Optuna's sampler of tree-structured Parzen estimators choose designs, the first at scaled values z, up to the
+    largest number of designs, and return how it ended. It serves problems with several optima; derivatives find only
+    the nearest. With the seed of the problem, a resumed run asks for the same designs."""
     optuna = _require_optuna()
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     names = [f"z{k}" for k in range(len(z))]
@@ -309,7 +309,7 @@ def _by_optuna(search: Designs, z: Array) -> str:
 
 
 def _towards_the_limits(search: Designs) -> str:
-    """Look for a design that meets the limits, from the one that comes nearest, and search on from there."""
+    """Search for a design that meets the limits, from the one nearest to meeting them, and continue from there."""
     z = search.scaled(search.nearest())
     how: dict[str, Any] = {"method": "L-BFGS-B", "jac": search.violation_slopes}
     if search.problem.method in WITHOUT_SLOPES:
@@ -323,7 +323,7 @@ def _towards_the_limits(search: Designs) -> str:
 
 
 def _nothing(search: Designs) -> NoFeasibleDesign:
-    """Which limits fail, and by how much, at the design that comes nearest to meeting all."""
+    """The error with the violated limits at the design that is nearest to meeting all."""
     nearest, problem = search.nearest(), search.problem
     where = ", ".join(f"{key} = {value:.6g}" for key, value in nearest.values.items())
     problems = []

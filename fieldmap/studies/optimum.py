@@ -1,4 +1,4 @@
-"""What an optimisation found: the best design, how it was found, and what a finer mesh says."""
+"""Results of an optimisation: the best design, the path to it, and the check on a finer mesh."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Kind = Literal["exact", "differences", "none"]
 Role = Literal["step", "difference", "check", "sample"]
 
 
-# Fields that are plain Python by their own names.
+# Fields that `to_dict` takes over under their own names.
 _AS_THEY_ARE = (
     *("maximise", "limits", "derivatives", "refused", "verified", "solves"),
     *("kept", "ended", "method", "path", "assumptions"),
@@ -32,7 +32,7 @@ _AS_THEY_ARE = (
 @dataclass(frozen=True, repr=False)
 class LimitAtOptimum(Record):
     """A limit at the best design: value of the number on the mesh of the search and on the finer one (None without a
-    check), bounds, SI units. active: whether it is at a bound; holds: whether it does on the finest mesh solved."""
+    check), bounds, SI units. active: whether it is at a bound; holds: whether the limit holds on the finest mesh."""
 
     number: str
     value: float
@@ -45,7 +45,7 @@ class LimitAtOptimum(Record):
 
 @dataclass(frozen=True, repr=False)
 class Check(Record):
-    """The best design on a finer mesh: refinement, how many times finer than that of the search, the objective there,
+    """The best design on a finer mesh: its refinement, the ratio to the refinement of the search, the objective there,
     and whether every limit holds. failure: why it could not be solved, or ""."""
 
     refinement: float
@@ -59,8 +59,9 @@ class Check(Record):
 class Step(Record):
     """A design that was solved, in the order in which it was asked for.
 
-    role: of the search, for a difference, or to check on a finer mesh. kept: whether an earlier run had solved it.
-    values: by key; numbers: by label, none where it failed; feasible: whether the limits hold; failure: why not solved.
+    role: a step of the search, a design for a difference, a check on a finer mesh, or a random sample. kept: whether an
+    earlier run had solved it. values: by key; numbers: by label, empty if it failed; feasible: whether the limits hold;
+    failure: why it was not solved, or "".
     """
 
     role: Role
@@ -76,15 +77,15 @@ class Step(Record):
 class Optimum(Record):
     """The best design that was found.
 
-    values: of the variables, by key, in their units; objective: label of the number and its value there, and
-    start_value where the search began, SI units; limits at the best design; variables with their bounds.
+    values: of the variables, by key, in their units; objective: label of the number, with its value here and its
+    start_value, SI units; limits at the best design; variables with their bounds.
 
-    derivatives: "exact" (adjoint) or "differences", by label of the number and key, "none" for a method without;
-    refused: keys without an exact derivative, and why. verified: the check on a finer mesh.
+    derivatives: "exact" (adjoint) or "differences", by label of the number and key; "none" for a method without
+    derivatives; refused: keys without an exact derivative, and why. verified: the check on a finer mesh.
 
-    path: every design that was solved; solves: how many this run solved; kept: how many came from an earlier run.
-    ended: why the search ended. device: the best design; start_device: the first. maximise: whether the objective was
-    to be largest. written: files.
+    path: every design that was solved; solves: number of designs that this run solved; kept: number from an earlier
+    run. ended: why the search ended. device: the best design; start_device: the first. maximise: whether the objective
+    was maximised. written: files.
     """
 
     title: str
@@ -110,8 +111,8 @@ class Optimum(Record):
 
     @property
     def settings(self) -> dict[str, float]:
-        """Every key of the device file that the best design sets, those that follow a variable too, in their units;
-        for `read_device(device, settings)` and `--set`."""
+        """Every key of the device file that the best design sets, with linked keys, in their units; for
+        `read_device(device, settings)` and `--set`."""
         return dict(settings_at(self.variables, self.values))
 
     @property
@@ -123,7 +124,7 @@ class Optimum(Record):
     def data(self) -> Any:
         """The path as an xarray.Dataset over `design`: variables by key, numbers by label, role, feasible, failure.
 
-        Raises FieldmapError where xarray is not installed.
+        Raises FieldmapError if xarray is not installed.
         """
         xarray = require_xarray()
         columns = {name: ("design", np.array(values)) for name, values in self._columns().items()}
@@ -159,8 +160,8 @@ class Optimum(Record):
 
 
 class NoFeasibleDesign(Infeasible):
-    """No design within the bounds meets all limits. problems: one for each limit that fails at the design that comes
-    nearest; nearest: its values by key; path: what was solved."""
+    """No design within the bounds meets all limits. problems: one for each violated limit at the nearest design;
+    nearest: the values of this design by key; path: all solved designs."""
 
     def __init__(
         self, *problems: Problem, nearest: Mapping[str, float] | None = None, path: tuple[Step, ...] = ()

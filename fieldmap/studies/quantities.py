@@ -1,4 +1,4 @@
-"""What a study can record: names, units, axes, and what each number means."""
+"""The quantities that a study can record: names, units, axes, and meanings."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -14,8 +14,8 @@ AXES = ("variant", "currents", "coil", "other_coil", "body", "point", "component
 class Quantity(Record):
     """One variable of the data set.
 
-    group: the word of record.quantities that asks for it. unit: SI, as UDUNITS writes it. axes: beyond those of the
-    variants and sets of currents. printed: (factor, unit) of tables and plots, which show it if it has no axes.
+    group: the word in record.quantities that selects it. unit: SI, as UDUNITS writes it. axes: in addition to those of
+    the variants and sets of currents. printed: (factor, unit) in tables and plots, which show it if it has no axes.
     """
 
     name: str
@@ -86,7 +86,7 @@ TAKEN = frozenset(
 GROUPS = tuple(dict.fromkeys(quantity.group for quantity in QUANTITIES))
 NEED_PAYLOAD = frozenset({"force_per_ampere", "equilibrium", "equilibrium_area", "reach", "reachable_share"})
 ON_REQUEST = frozenset({"inductance", "power"})
-"""Groups that are recorded where a file asks for them: they take solves of their own, or rest on assumptions."""
+"""Groups that are recorded only if a file names them: they need additional solves or assumptions."""
 
 
 def recorded(groups: tuple[str, ...]) -> tuple[Quantity, ...]:
@@ -99,11 +99,11 @@ def recorded(groups: tuple[str, ...]) -> tuple[Quantity, ...]:
 
 
 Places = dict[str, tuple[Quantity, tuple[int, ...]]]
-"""Of single numbers by their names: the quantity, and the place in it."""
+"""Quantity and index of single numbers, by name."""
 
 
 def number_names(groups: tuple[str, ...], labels: Mapping[str, Sequence[str]]) -> Places:
-    """Every single number of some groups by its name, NAME or NAME LABEL ..., with its place in its quantity.
+    """Every single number of some groups by its name, NAME or NAME LABEL ..., with its quantity and index.
 
     labels: of the entries along each axis.
 

@@ -1,4 +1,4 @@
-"""What a study file may hold, and what becomes of it: a study or a problem of design; all problems at once."""
+"""Study files: their keys, and the study or design problem that they state; all errors are reported at once."""
 
 import itertools
 import math
@@ -103,8 +103,8 @@ def read_study(path_or_name: PathLike) -> study.Study:
     ------
     StudyError
         One Problem for every error of the file: file, line and key path; what must hold; what was received; the remedy.
-        A variant that the device's schema refuses is such an error; one whose bodies cannot be built shows only when it
-        is solved.
+        A variant that the device's schema refuses is such an error. A variant with bodies that cannot be built fails
+        only when it is solved.
 
     Examples
     --------
@@ -165,8 +165,8 @@ def _read(path_or_name: PathLike) -> tuple[Document, StudySettings]:
 def _opened(
     file: Document, settings: StudySettings
 ) -> tuple[Document, Device, list[Finding], dict[str, Any]]:
-    """The device file and device that a study names, what is wrong with what variants and designs have in common, and
-    that by its names in both. Raises StudyError where there is no device."""
+    """Device file and device of a study, findings in the settings that studies and design problems share, and these
+    settings by name. Raises StudyError if there is no device."""
     document, recipe = _named_device(file, settings)
     device = device_of(document)
     iron = settings.iron or study.StudyIron()
@@ -200,7 +200,7 @@ def _named_device(file: Document, settings: StudySettings) -> tuple[Document, Re
 
 
 def device_file(name: str, file: Document, error: type[InputError]) -> Document:
-    """The device file that another file names by `device`: beside it, or a shipped one."""
+    """The device file that another file names by `device`: in the same folder, or a shipped one."""
     beside = file.path.parent / name
     try:
         return DEVICE.load(beside if is_file(beside) else DEVICE.find(name))
@@ -218,7 +218,7 @@ def _placed(key: str, problems: tuple[Problem, ...], file: Document) -> list[Pro
 
 
 def _record(stated: study.Record, device: Device, iron: study.StudyIron) -> study.Record:
-    """What is recorded, with what the file leaves to the device."""
+    """The record, with the values that the file leaves to the device."""
     limit = stated.current_limit
     if limit is None and device.driver is not None:
         limit = device.driver.current_limit
@@ -261,7 +261,7 @@ def _not_for_designs(settings: StudySettings) -> Iterator[Finding]:
 
 
 def key_findings(settings: StudySettings, document: Document) -> list[Finding]:
-    """Keys that the device file does not have, and studies of too many variants."""
+    """Findings for keys that the device file does not have, keys that are set twice, and too many variants."""
     told = (key_finding(location, key, document) for location, key in _keys(settings))
     found = [finding for finding in told if finding is not None]
     found += _set_twice(settings, document)
@@ -273,7 +273,7 @@ def key_findings(settings: StudySettings, document: Document) -> list[Finding]:
 
 
 def _set_twice(settings: StudySettings, document: Document) -> Iterator[Finding]:
-    """Keys that two tables of [[vary]], or two lines of one, set."""
+    """Findings for keys that two tables of [[vary]], or two lines of one table, set."""
     first: dict[Location, Location] = {}
     for location, key in _keys(settings) if settings.vary else ():
         for place in matches(document.data, key):
@@ -312,7 +312,7 @@ def variants_of(settings: StudySettings, document: Document) -> tuple[study.Vari
 
 
 def variant_findings(settings: StudySettings, variants: tuple[study.Variant, ...]) -> list[Finding]:
-    """What the device schema refuses in a variant, each complaint once, at the study's table that causes it."""
+    """Errors of the device schema in the variants, each once, at the study's table that causes it."""
     found: dict[tuple[str, str, str], Finding] = {}
     for number, variant in enumerate(variants):
         location: Location = ("variant", number) if settings.variant else ("vary",)
@@ -326,7 +326,7 @@ def variant_findings(settings: StudySettings, variants: tuple[study.Variant, ...
 
 
 def _cause(settings: StudySettings, variant: study.Variant, key: str) -> Location | None:
-    """The axis whose key, or one that follows it, is the one complained about."""
+    """Location of the axis with a key, or a linked key, that is the key of an error."""
     for k, entry in enumerate(settings.vary):
         patterns = [(("vary", k, "values"), entry.key)]
         patterns += [(("vary", k, "linked"), name) for linked in entry.linked for name in linked.keys]

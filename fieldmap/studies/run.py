@@ -1,4 +1,4 @@
-"""Solve all variants of a study, with what earlier runs have done, and write the results as NetCDF and as CSV."""
+"""Solve all variants of a study, continue earlier runs, and write the results as NetCDF and as CSV."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from fieldmap.studies.variant_result import COPPER_WINDINGS, Row, Task, VariantR
 from fieldmap.typing import Array, PathLike, Progress
 
 OUTPUT_FOLDER = Path("maps/out")
-# Stands in the checkpoint for a failed variant that is to be solved again.
+# Entry of the checkpoint for a failed variant that is to be solved again.
 _TRIED_AGAIN = {"tried_again": True}
 
 
@@ -41,8 +41,8 @@ _TRIED_AGAIN = {"tried_again": True}
 class StudyRow(Record):
     """One variant at one set of currents.
 
-    settings: varied keys in their units, or the variant's name; currents: name of the set; numbers: what was recorded,
-    SI units, NaN where it is missing; problem: why, or "".
+    settings: varied keys in their units, or the variant's name; currents: name of the set; numbers: recorded numbers,
+    SI units, NaN where missing; problem: the reason, or "".
     """
 
     settings: dict[str, Value]
@@ -76,7 +76,7 @@ class StudyRun(Record):
         return found
 
     def to_dict(self) -> dict[str, Plain]:
-        """Title, rows and failures as plain Python: SI units, but varied keys in theirs."""
+        """Title, rows and failures as plain Python, in SI units; varied keys in their own units."""
         rows = [
             row.settings | {"currents": row.currents} | row.numbers | {"problem": row.problem}
             for row in self.rows()
@@ -93,22 +93,21 @@ def run_study(
     progress: Progress | None = None,
     scheduler: str | None = None,
 ) -> StudyRun:
-    """Solve every variant of a study at all its currents, and write a NetCDF file and the same as CSV beside
-    it.
+    """Solve every variant of a study at all its currents, and write the results as NetCDF and as CSV.
 
-    A variant that fails is recorded with its reason and the others go on.
+    A variant that fails is recorded with its reason and does not stop the others.
 
     Parameters
     ----------
     study
-        Path of a study file, name of a shipped one, or what `read_study` returns.
+        Path of a study file, name of a shipped one, or a `Study`.
     output
-        The NetCDF file; maps/out/NAME.nc unless given.
+        The NetCDF file, with a CSV file of the same name; maps/out/NAME.nc unless given.
     resume
-        Keep the variants of an earlier run, if everything that decides their numbers is the same; the data
-        are those of a run without a break.
+        Keep the variants of an earlier run, if everything that determines their numbers is the same; the data
+        are then those of an uninterrupted run.
     retry
-        Solve those again that failed.
+        Solve failed variants again.
     workers
         Processes that solve: `fieldmap.parallel.Workers`.
     progress
@@ -124,9 +123,9 @@ def run_study(
     Raises
     ------
     StudyError or InputError
-        Before any long work and without leaving a file.
+        Before any long work, without leaving a file.
     FieldmapError
-        Where xarray or h5netcdf are missing.
+        If xarray or h5netcdf is missing.
 
     Examples
     --------
@@ -162,14 +161,14 @@ def run_study(
 def _solve(
     study: Study, finished: dict[int, VariantResult], checkpoint: Checkpoint, team: Workers, say: Progress
 ) -> None:
-    """Solve the variants that are not among the finished ones; put them there, and into the checkpoint."""
+    """Solve the variants that are not finished, and add them to `finished` and to the checkpoint."""
     total = len(study.variants)
     waiting = [number for number in range(total) if number not in finished]
     resumed = total - len(waiting)
     forecast = Forecast(say, {"variants": len(waiting)}, team.processes)
     begun = f"resumed with {resumed} of {total} variants" if resumed else f"solving {total} variants"
     forecast.at("variants", begun)
-    # The device file travels once, and of each variant the keys that it changes.
+    # The device file is sent once, and for each variant only the keys that it changes.
     common = Common.of(Task(study.device_document, study.current_sets, study.iron, study.record))
     for outcome in team.map(_solved, [study.variants[number].settings for number in waiting], common):
         number = waiting[outcome.index]
@@ -189,7 +188,7 @@ def _solved(task: Task, settings: Iterable[tuple[str, Value]]) -> VariantResult:
 
 
 def finished_variants(checkpoint: Checkpoint) -> dict[int, VariantResult]:
-    """The variants in the checkpoint of a study, by number, without those that a run has begun to try again."""
+    """The variants in the checkpoint of a study, by number, without those that are to be solved again."""
     found = {}
     for key in checkpoint:
         piece = checkpoint.get(key)
@@ -201,8 +200,8 @@ def finished_variants(checkpoint: Checkpoint) -> dict[int, VariantResult]:
 
 
 def _forget_failed(finished: dict[int, VariantResult], checkpoint: Checkpoint) -> None:
-    """Take the variants that failed out of the finished ones and out of the checkpoint, so that a run that is killed
-    before it has tried them again leaves them to the next."""
+    """Remove failed variants from `finished` and from the checkpoint, so that a run that is killed before it has solved
+    them again leaves them to the next."""
     for number in [k for k, result in finished.items() if any(row.problems for row in result.rows)]:
         checkpoint.put(str(number), about=_TRIED_AGAIN)
         del finished[number]
@@ -214,22 +213,19 @@ def _failed(study: Study, results: list[VariantResult]) -> dict[str, tuple[str, 
 
 
 def output_file(study: Path, output: PathLike | None) -> Path:
-    """The NetCDF file of a study file: as asked, or of its name. Raises InputError as `checked_output`."""
+    """The NetCDF file of a study: as given, or named after the study file. Raises InputError as `checked_output`."""
     return checked_output(OUTPUT_FOLDER / f"{study.stem}.nc" if output is None else Path(output))
 
 
 def checked_output(target: Path) -> Path:
-    """The NetCDF file of a study or a search, which can be written with its table beside it; otherwise InputError."""
+    """The NetCDF file of a study or a search. Raises InputError if it or its CSV file cannot be written."""
     problems = output_problems(str(target), target, ["study"])
     table = target.with_suffix(".csv")
     raise_all(problems or output_problems(str(table), table, ["study table"]))
     return target
 
 
-_CONVENTIONS = (
-    "SI units. Right-handed frame, z up, origin on the centre of the pole disk's lower face. gradient: "
-    "dB_component/dx_direction."
-)
+_CONVENTIONS = "SI units. Right-handed frame of the device file, z up. gradient: dB_component/dx_direction."
 _OF_THE_PAYLOAD = (
     "the payload is a vertical point dipole at the magnet's centre and does not magnetise the iron",
     "the currents are constant",
@@ -237,7 +233,7 @@ _OF_THE_PAYLOAD = (
 
 
 def require_xarray() -> ModuleType:
-    """The module xarray. Raises FieldmapError, with the extra to install, where it or h5netcdf is missing."""
+    """The module xarray. Raises FieldmapError, with the extra to install, if xarray or h5netcdf is missing."""
     require("h5netcdf", "studies", "fieldmap.studies")
     return require("xarray", "studies", "fieldmap.studies")
 
@@ -276,7 +272,7 @@ def _columns(study: Study, results: Sequence[VariantResult]) -> dict[str, Array]
 
 
 def _files(study: Study) -> dict[str, Any]:
-    """The files as read; variables, because an attribute of HDF5 holds no more than 64 kB."""
+    """The files as read. They are variables, because an attribute of HDF5 holds at most 64 kB."""
     device = device_of(study.device_document)
     included = json.dumps(dict(sorted(device.included.items())))
     texts = {
@@ -299,7 +295,7 @@ def variant_coordinates(study: Study) -> dict[str, Any]:
 
 
 def variant_heads(study: Study) -> list[str]:
-    """Columns of the table for what is varied."""
+    """Headings of the columns of varied keys."""
     return [f"{axis.name} ({axis.unit})" if axis.unit else axis.name for axis in study.axes] or ["variant"]
 
 

@@ -1,8 +1,8 @@
-"""The work of an optimisation: designs solved once and kept, with values and derivatives as optimisers take them.
+"""The designs of an optimisation, solved once and kept, with values and derivatives in the form that optimisers need.
 
 Variables are scaled to 0 and 1 at their bounds, the objective by its size at the start, limits by their bounds. A
-design that cannot be solved counts as worse than all that were solved, by the objective's size at the start, with the
-limits of the design before it: finite, so that a step to it is taken back.
+design that cannot be solved has finite values, so that the optimiser takes back the step to it: an objective worse than
+all solved ones by its size at the start, and the limits of the last solved design.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from fieldmap.studies.study import CODE
 from fieldmap.studies.variant_result import OperatingPoint, SolvedIron, numbers_at, reason
 from fieldmap.typing import Array, PathLike, Progress
 
-# So many designs in a row that lie closer together than the tolerance end the search.
+# Number of successive designs within the tolerance of each other that end the search.
 _SAME = 8
 
 
@@ -51,8 +51,8 @@ class Asked(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Evaluation(Record):
-    """A design solved. values: of the variables by key; numbers: by label; slopes: exact derivatives by label and key;
-    refused: keys without, and why. failure: why there are no numbers, or ""."""
+    """A solved design. values: of the variables by key; numbers: by label; slopes: exact derivatives by label and key;
+    refused: keys without exact ones, and why. failure: why there are no numbers, or ""."""
 
     values: Mapping[str, float]
     refinement: float
@@ -68,7 +68,7 @@ class Evaluation(Record):
 
 
 def evaluate(problem: DesignProblem, asked: Asked) -> Evaluation:
-    """Solve a design. What fails is a reason in the result, never an error: the search goes on, whatever it was."""
+    """Solve a design. A failure is a reason in the result, never an error, so that the search continues."""
     named = problem.named(asked.values)
     try:
         numbers, slopes = _solved(problem, asked)
@@ -146,7 +146,7 @@ def searching(
     progress: Progress | None,
     scheduler: str | None = None,
 ) -> Iterator[Designs]:
-    """A search by workers, whose designs are kept in OUTPUT.kept."""
+    """A search by workers; its designs are kept in OUTPUT.kept."""
     keep = (
         nullcontext()
         if output is None
@@ -157,14 +157,14 @@ def searching(
 
 
 def problem_fingerprint(problem: DesignProblem) -> str:
-    """Of everything that decides the numbers of a design: not of bounds, start, method, or the limits' bounds, so that
-    another search goes on with the designs of an earlier one."""
+    """Fingerprint of everything that determines the numbers of a design. It does not depend on bounds, start, method
+    and limits, so that another search can use the designs of an earlier one."""
     device, record = device_of(problem.document), problem.record
     numbers = [
         f"{one.label} {getattr(one.of, '__qualname__', type(one.of).__name__)}" for one in problem.numbers
     ]
     settings = (
-        # Whole: the text of a record leaves out what is long.
+        # All fields, since the repr of a record is shortened.
         [(one.key, [plain_fields(follower) for follower in one.linked]) for one in problem.variables],
         sorted(numbers),
         [plain_fields(one) for one in problem.current_sets],
@@ -175,11 +175,11 @@ def problem_fingerprint(problem: DesignProblem) -> str:
 
 
 class SearchEnded(Exception):  # noqa: N818 - an end, not an error
-    """Why the search ends before the optimiser does."""
+    """Ends the search before the optimiser does; its text is the reason."""
 
 
 class Designs:
-    """Designs of a problem, solved once. checkpoint: where they are kept; None: in this run alone."""
+    """Designs of a problem, solved once. checkpoint: keeps them for later runs, unless it is None."""
 
     def __init__(
         self, problem: DesignProblem, team: Workers, checkpoint: Checkpoint | None, say: Progress
@@ -193,7 +193,7 @@ class Designs:
         self.refused: dict[str, str] = {}
         self.kinds: dict[str, dict[str, Kind]] = {number.label: {} for number in problem.numbers}
         self._known: dict[str, Evaluation] = {}
-        # What is added to a number to make it that of a finer mesh.
+        # Differences that correct numbers of the search's mesh to those of the finer mesh.
         self.shift: dict[str, float] = {}
         self._low = np.array([one.lower for one in problem.variables])
         self._width = np.array([one.upper for one in problem.variables]) - self._low
@@ -223,7 +223,7 @@ class Designs:
         return found
 
     def sampled(self, designs: list[Array]) -> list[Evaluation]:
-        """Designs for their numbers alone, in their order."""
+        """Designs without derivatives, in the given order."""
         return self._solve(designs, self.problem.iron.refinement, "sample", ())
 
     def _solve(
@@ -255,24 +255,24 @@ class Designs:
                 self._checkpoint.put(names[k], about=asdict(found))
             self._known[names[k]] = found
             self.solves += 1
-            # In the order in which they were asked for, whichever is done first.
+            # Designs are noted in the order of `asked`, not in the order in which they are finished.
             while untold and names[untold[0]] in self._known:
                 self._note(self._known[names[untold.popleft()]], role, False)
         return [self._known[name] for name in names]
 
     def _settled(self, design: Array) -> None:
-        """End the search where it goes round in circles, as optimisers may where no design meets the limits."""
+        """End the search if successive designs hardly differ, as may happen if no design meets the limits."""
         self._last = [*self._last[1 - _SAME :], (design - self._low) / self._width]
         if len(self._last) == _SAME and np.ptp(self._last, axis=0).max() < self.problem.tolerance:
             self._last = []
             raise SearchEnded(f"{_SAME} designs in a row hardly differ")
 
     def expect(self, designs: int) -> None:
-        """So many designs are to be solved from here on."""
+        """Set the number of designs that are still to be solved, for the forecast."""
         self._expected = self.solves + self.kept + designs
 
     def _name(self, derived: bool, refinement: float, design: Array) -> str:
-        # Scaled values that are scaled back differ from what they were by rounding.
+        # Twelve digits, since scaling values back and forth changes them by rounding.
         return json.dumps([derived, refinement, [f"{value:.12g}" for value in design]])
 
     def _note(self, found: Evaluation, role: Role, kept: bool) -> None:
@@ -285,13 +285,13 @@ class Designs:
         text = f"{label} {found.numbers[label]:.6g}" if found.solved else "failed"
         pace = rate(self.solves, self._forecast.taken(), "design")
         message = f"design {len(self.steps)}, {role}: {text}{pace}"
-        # Kept ones take no time.
+        # Designs of an earlier run take no time.
         self._forecast.at("designs", message, self.solves, max(self._expected - self.kept, self.solves))
 
-    # What is judged.
+    # Objective and limits.
 
     def number(self, found: Evaluation, number: Number) -> float:
-        """A number of a design, as on the finer mesh where that is known."""
+        """A number of a design, corrected to the finer mesh if the correction is known."""
         shift = self.shift.get(number.label, 0.0) if self._on_search_mesh(found) else 0.0
         return found.numbers[number.label] + shift
 
@@ -304,7 +304,7 @@ class Designs:
         return max((self.excess(found, limit) for limit in self.problem.limits), default=0.0)
 
     def begin(self) -> Evaluation:
-        """Solve where the search begins. Raises InputError where that fails."""
+        """Solve the start of the search. Raises InputError if that fails."""
         found = self.at(self.problem.starts)
         must_hold = "the design at which the search begins must be solved"
         remedy = "begin at a design that can be solved, or correct the device"
@@ -322,27 +322,27 @@ class Designs:
         return value
 
     def objective_slopes(self, z: Array) -> Array:
-        """Its derivatives (k,) by the scaled variables."""
+        """Derivatives (k,) of the objective by the scaled variables."""
         slopes = self.slopes(self.values(z), self.problem.objective)
         return self.problem.sign * slopes * self._width / self._scale
 
     def limits(self, z: Array) -> Array:
-        """What is left to each bound of each limit (m,), scaled: negative where it is violated."""
+        """Scaled distances (m,) from each bound of each limit; negative where it is violated."""
         return np.array([room for room, _, _ in self._rooms(self._solved_at(z))])
 
     def limit_slopes(self, z: Array) -> Array:
-        """Their derivatives (m, k) by the scaled variables."""
+        """Derivatives (m, k) of the limits by the scaled variables."""
         values, rooms = self.values(z), self._rooms(self._solved_at(z))
         rows = [side * self.slopes(values, number) * self._width for _, side, number in rooms]
         return np.array(rows).reshape(-1, len(values))
 
     def _solved_at(self, z: Array) -> Evaluation:
-        """A design, or the last that was solved where it cannot be."""
+        """A design, or the last solved one if it cannot be solved."""
         found = self.at(self.values(z))
         return found if found.solved else self._of_the_search()[-1]
 
     def _rooms(self, found: Evaluation) -> list[tuple[float, float, Number]]:
-        """Room to a bound, the factor of the number in it, and the number."""
+        """For each bound: scaled distance from it, derivative of this distance by the number, and the number."""
         rooms = []
         for limit in self.problem.limits:
             value = self.number(found, limit.asked)
@@ -359,7 +359,7 @@ class Designs:
         return float(sum(min(room, 0.0) ** 2 for room, _, _ in self._rooms(found)))
 
     def violation_slopes(self, z: Array) -> Array:
-        """Its derivatives (k,)."""
+        """Derivatives (k,) of `violations` by the scaled variables."""
         values = self.values(z)
         found, total = self.at(values), np.zeros(len(values))
         for room, side, number in self._rooms(found) if found.solved else ():
@@ -370,7 +370,7 @@ class Designs:
     # Derivatives.
 
     def slopes(self, values: Array, number: Number) -> Array:
-        """Derivatives (k,) of a number: exact ones, and differences of designs where there are none."""
+        """Derivatives (k,) of a number: exact ones where they exist, otherwise differences of designs."""
         found = self.at(values)
         exact = found.slopes.get(number.label, {}) if found.solved else {}
         out = np.zeros(len(values))
@@ -407,10 +407,10 @@ class Designs:
         sides[1][k] = min(values[k] + width, self._low[k] + self._width[k])
         return sides
 
-    # What was found.
+    # Results.
 
     def best(self) -> Evaluation | None:
-        """The best design of the search that meets the limits; None where none does."""
+        """The best design of the search that meets the limits; None if no design does."""
         good = [found for found in self._of_the_search() if self.violation(found) <= self.problem.tolerance]
         sign, objective = self.problem.sign, self.problem.objective
         return min(good, key=lambda found: sign * self.number(found, objective), default=None)

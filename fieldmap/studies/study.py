@@ -1,4 +1,4 @@
-"""A study as data: variants of a device, sets of currents, and what is recorded of each."""
+"""A study as data: variants of a device, sets of currents, and recorded quantities."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Set
@@ -24,7 +24,7 @@ from fieldmap.provenance import fingerprint
 from fieldmap.studies.quantities import GROUPS, NEED_PAYLOAD
 from fieldmap.typing import Array
 
-# Packages and modules whose code takes part in a study.
+# Packages and modules whose code affects the numbers of a study.
 CODE = ("kernels", "inputs", "device", "field", "currents", "sources", "iron", "levitation", "studies")
 Value = float | int | str
 MOST_AMPERES = 1e9
@@ -33,7 +33,7 @@ _UNIT = re.compile(r"_(mm|deg|T_per_m|T|A_per_V|A_m2|A|V|ohm|mH|N_s_per_m|g_mm2|
 
 
 def _value(value: Any) -> Any:
-    """A number or a text: what a key of a device file can be set to."""
+    """Check that a value is a number or a text, as values of keys are."""
     if not is_number(value) and not (isinstance(value, str) and value):
         raise broken("must be a finite number or a text", shown(value), "list plain values of the key")
     return value
@@ -133,8 +133,8 @@ class Variant(records.Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CurrentSet(records.Record):
-    """Currents shares * c (n_coils,), whose magnitudes have the mean c. common: c in A, or None where it is looked for
-    so that they carry the payload at carried_at (3,), m."""
+    """Currents shares * c (n_coils,) with the mean magnitude c. common: c in A, or None if c is computed so that the
+    currents carry the payload at carried_at (3,), m."""
 
     name: str
     shares: Array
@@ -208,7 +208,7 @@ class StatedCurrents(records.Record):
     )
 
     def currents(self, coils: int) -> CurrentSet:
-        """The set of a device with so many coils; `mistakes` tells of lists that do not fit."""
+        """The set for a number of coils; `mistakes` reports lists of a wrong length."""
         amperes: Any = self.shares if self.amperes is None else self.amperes
         if self.lift_and_directions is not None:
             of = self.lift_and_directions
@@ -217,7 +217,7 @@ class StatedCurrents(records.Record):
         return current_set(self.name, amperes if fits else 1.0, coils, self.carries_at)
 
     def mistakes(self, device: Device) -> Iterator[Finding]:
-        """What the device does not allow, at the keys of the table."""
+        """Findings for keys that do not fit the device."""
         coils = len(device.coils)
         for key, given in (("amperes_A", self.amperes), ("shares", self.shares)):
             if np.ndim(given) and len(given) != coils:
@@ -248,7 +248,7 @@ def _one_that_chooses_the_mesh(keys: Any) -> None:
 
 @dataclass(frozen=True, repr=False)
 class StudyIron(IronModel):
-    """How the iron is modelled and how well it is solved. accuracy: None for one mesh as it is."""
+    """How the iron is modelled and how well it is solved. accuracy: None for a single mesh."""
 
     accuracy: Annotated[
         float | None, Key(Accuracy | None, "estimated error of B in the workspace at which refining stops")
@@ -272,7 +272,7 @@ def _corners_in_order(box: Any, info: ValidationInfo) -> None:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Record(records.Record):
-    """What is recorded of every variant at every set of currents.
+    """The recorded quantities of every variant at every set of currents.
 
     groups: of quantities. points (n, 3), m. current_limit: A. box: corners (3,), m.
     """
@@ -316,9 +316,9 @@ class Record(records.Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Study(records.Record):
-    """What to solve, in SI; path and text: the file as read. axes: varied keys; none with variants one by one.
+    """A study, in SI; path and text: the file as read. axes: varied keys; none if variants are listed one by one.
 
-    device_document: the device file as it is. coil_names: in current order; body_names: in that of the file.
+    device_document: the unchanged device file. coil_names: in the order of currents; body_names: in that of the file.
     """
 
     path: Path
@@ -344,12 +344,12 @@ class Study(records.Record):
         return tuple(len(axis.values) for axis in self.axes) or (len(self.variants),)
 
     def settings(self, number: int) -> dict[str, Value]:
-        """What a variant varies.
+        """The varied values of a variant.
 
         Parameters
         ----------
         number
-            Of the variant.
+            Number of the variant.
 
         Returns
         -------
@@ -362,22 +362,22 @@ class Study(records.Record):
 
     @property
     def fingerprint(self) -> str:
-        """Of everything that decides the numbers; equal ones mean equal data on one machine."""
+        """Fingerprint of everything that determines the numbers. If it is equal, so are the data on one machine."""
         device = device_of(self.device_document)
         return fingerprint((self.text, repr(self.iron), *device.texts), CODE)
 
 
 def current_set(name: str, amperes: Any, coils: int, place: Array | None) -> CurrentSet:
-    """A set of currents of amperes, one for all coils or (coils,); with a place (3,), m, they are looked for so that
-    they carry the payload there, in these proportions."""
+    """A set of currents, from one number for all coils or (coils,), A; with a place (3,), m, their common factor is
+    computed so that they carry the payload there."""
     currents = np.array(np.broadcast_to(np.asarray(amperes, dtype=float), coils))
     common = float(np.abs(currents).mean())
     return CurrentSet(name, currents / common, common if place is None else None, place)
 
 
 def lacking(device: Device, record: Record, saturating: bool) -> list[tuple[frozenset[str], str, str, str]]:
-    """What the device and the record do not have, or the iron does not allow: groups that need it, what they need, what
-    is there, and the remedy."""
+    """Requirements that device, record or iron do not meet: groups that need each, what must hold, what was received,
+    and the remedy."""
     payload, box = device.payload is not None, device.workspace is not None
     both, limit = "needs the device's [payload] and [workspace]", "needs the limit of the currents"
     reach, points, corners = {"reach", "reachable_share"}, {"field", "force_per_ampere"}, {"homogeneity"}
@@ -431,7 +431,7 @@ def saturates(device: Device) -> bool:
 
 
 def refused(document: Document) -> list[tuple[str, Problem]]:
-    """What is wrong with a changed device file, by its keys."""
+    """Problems of a changed device file, with their keys."""
     try:
         device_of(document)
     except FieldmapError as error:

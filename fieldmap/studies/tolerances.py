@@ -1,9 +1,9 @@
-"""How far the numbers of a study are uncertain where numbers of the device are: by derivatives, and by random devices.
+"""Uncertainty of a study's numbers due to uncertain numbers of the device: by derivatives, and by random devices.
 
 To first order the variance of a number is the sum of (derivative times standard deviation)^2 over independent numbers
 of the device. Derivatives are exact where the adjoint gives them and differences of solved devices otherwise
-(`fieldmap.studies.search`). Random devices, each solved, hold that sum to account: they contain what is not linear, and
-where bodies change, the noise of the mesh.
+(`fieldmap.studies.search`). Solved random devices check this sum: they include nonlinear effects and, if bodies change,
+the noise of the mesh.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from fieldmap.studies.study import Linked, setting_words
 from fieldmap.typing import Array, PathLike, Progress
 
 _CALLER = "analyse_tolerances"
-# Of the range that holds 95 % of the samples.
+# Quantiles of the range that holds 95 % of the samples.
 _TAILS = (0.025, 0.975)
 
 
@@ -38,9 +38,9 @@ class Uncertain(Record):
     """A number of the device that is uncertain.
 
     key: a key path, "parameters.NAME", or "current.NAME", which names one number, or several that are equal and deviate
-    together. deviation: standard deviation in the unit of the key. linked: keys that follow. step: of differences,
-    where there is no exact derivative; the deviation unless given. Where bodies change, each device has a mesh of its
-    own: a step should be large against what the mesh makes of it.
+    together. deviation: standard deviation in the unit of the key. linked: keys that depend on it. step: of
+    differences, for a key without exact derivative; the deviation unless given. If bodies change, each device has a
+    mesh of its own, and the effect of the step should be large against the noise of the mesh.
     """
 
     key: str
@@ -51,8 +51,8 @@ class Uncertain(Record):
 
 @dataclass(frozen=True, repr=False)
 class Sampled(Record):
-    """Random devices: how many were solved, mean and standard deviation of a number with the standard errors of both,
-    and the range that holds 95 % of them."""
+    """Statistics of random devices: number of solved ones, mean and standard deviation of a number with the standard
+    errors of both, and the range that holds 95 % of them."""
 
     count: int
     mean: float
@@ -65,8 +65,8 @@ class Sampled(Record):
 @dataclass(frozen=True, eq=False, repr=False)
 class NumberSpread(Record):
     """A number and its uncertainty, SI units. By key: derivative per unit of the key, its kind ("exact" or
-    "differences"), and share of the variance, from 0 to 1. deviation: standard deviation to first order; sampled: that
-    of random devices, None where none were asked for."""
+    "differences"), and share of the variance, from 0 to 1. deviation: standard deviation to first order; sampled:
+    statistics of random devices, None without samples."""
 
     number: str
     value: float
@@ -80,8 +80,8 @@ class NumberSpread(Record):
 @dataclass(frozen=True, eq=False, repr=False)
 class ToleranceAnalysis(Record):
     """Uncertainties of numbers of a device. deviations: by key, in its unit; refused: keys without an exact derivative,
-    and why; failed: random devices that could not be solved, and why; solves: devices that this run solved; kept: those
-    of an earlier run."""
+    and why; failed: random devices that could not be solved, and why; solves: number of devices that this run solved;
+    kept: number of devices from an earlier run."""
 
     title: str
     deviations: Mapping[str, float]
@@ -92,7 +92,7 @@ class ToleranceAnalysis(Record):
     kept: int
 
     def __getitem__(self, number: str) -> NumberSpread:
-        """The number of this label. Raises KeyError for one that was not asked for."""
+        """The number of this label. Raises KeyError for an unknown label."""
         return {one.number: one for one in self.numbers}[number]
 
 
@@ -115,25 +115,25 @@ def analyse_tolerances(
     progress: Progress | None = None,
     scheduler: str | None = None,
 ) -> ToleranceAnalysis:
-    """How far numbers that studies record are uncertain, and which number of the device makes them so.
+    """Uncertainty of numbers that studies record, and the contribution of each number of the device.
 
     Parameters
     ----------
     device
-        A file, its name, or made in Python.
+        Device file, name of a shipped device, or a device made in Python.
     uncertain
         Independent numbers of the device with their standard deviations.
     numbers, currents, saturating, refinement, points, box, force_share
         As for `optimise`.
     samples
-        Random devices that are solved besides (Monte Carlo), normally distributed; 0 for none, else at least
-        2.
+        Number of random, normally distributed devices that are solved in addition (Monte Carlo); 0, or at
+        least 2.
     seed
-        Of the random devices.
+        Seed of the random devices.
     output
-        Devices are kept in OUTPUT.kept, and a run that was killed goes on from them.
+        Devices are kept in OUTPUT.kept, and a run that was killed continues from them.
     resume
-        Whether the devices of an earlier run are taken.
+        Whether the devices of an earlier run are used.
     workers
         Processes that solve the devices of differences and samples: `fieldmap.parallel.Workers`.
     progress
@@ -144,15 +144,14 @@ def analyse_tolerances(
     Returns
     -------
     ToleranceAnalysis
-        The deviation of every number, and what each number of the device contributes.
+        The deviation of every number, and the contribution of each number of the device.
 
     Raises
     ------
     InputError
-        For arguments that make no sense, where the device itself cannot be solved, or neither side of a
-        difference.
+        For wrong arguments, and if the device itself, or both sides of a difference, cannot be solved.
     Infeasible
-        Where fewer than two random devices can be solved.
+        If fewer than two random devices can be solved.
 
     Examples
     --------
@@ -174,7 +173,7 @@ def analyse_tolerances(
             raise InputError.of(_CALLER, "the device must be solved", nominal.failure, remedy)
         slopes = {number.label: search.slopes(centre, number) for number in problem.numbers}
         _check_differences(search, nominal)
-        # Exact derivatives took no differences.
+        # Exact derivatives needed no differences.
         search.expect(samples)
         draws = np.random.default_rng(seed).standard_normal((samples, len(centre)))
         drawn = search.sampled(list(centre + draws * np.array(list(deviations.values()))))
@@ -204,14 +203,14 @@ def _problem(
     currents: Any,
     *about: Any,
 ) -> DesignProblem:
-    """The device and what is asked of it, as a problem of design whose variables reach as far as differences do."""
+    """The analysis as a design problem; its bounds are the device's own values plus and minus one step."""
     problems = list(_mistakes(uncertain, numbers, samples))
     made = device_of(device_document(device))
     sets = current_sets(currents, made, f"{_CALLER}(currents)", problems)
     variables = []
     for one in uncertain:
         try:
-            # Of a current that is not there the problem's own check tells.
+            # The checks of the design problem report an unknown current.
             is_current = one.key.startswith(CURRENT)
             own = (
                 given_current(one.key, sets, made.coil_names)
@@ -255,7 +254,7 @@ def _mistakes(uncertain: Sequence[Uncertain], numbers: Sequence[Any], samples: i
 
 
 def _check_differences(search: Designs, nominal: Evaluation) -> None:
-    """Raise InputError for numbers of the device that can be changed to neither side."""
+    """Raise InputError for numbers of the device whose differences can be solved on neither side."""
     problems = []
     for key, value in nominal.values.items():
         moved = [step for step in search.steps if step.role == "difference" and step.values[key] != value]
@@ -290,7 +289,7 @@ def _spread(
 
 
 def _sampled(values: Array) -> Sampled:
-    """Statistics of samples (n,). The standard error of the deviation is that of normally distributed numbers."""
+    """Statistics of samples (n,). The standard error of the deviation assumes a normal distribution."""
     count, deviation = len(values), float(values.std(ddof=1))
     low, high = (float(value) for value in np.quantile(values, _TAILS))
     mean = float(values.mean()), deviation / np.sqrt(count)

@@ -1,4 +1,4 @@
-"""One variant of a study solved: its numbers at every set of currents, and the reasons where there are none."""
+"""The solution of one variant of a study: its numbers at every set of currents, and the reasons for missing ones."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ from fieldmap.studies.equilibrium_area import equilibrium_area
 from fieldmap.studies.study import CurrentSet, Record, StudyIron
 from fieldmap.typing import Array
 
-# Ratio of the mesh sizes of a solution and of the one that it is compared with, and of two refinements.
+# Ratio of the mesh sizes of a solution and of its comparison, and of successive refinements.
 COARSER = 1.4
 MOST_REFINEMENTS = 6
 COPPER_WINDINGS = (
     f"windings without a stated resistance are of copper at 20 C that fills {FILL:g} of their section"
 )
-# Heights and cells of the workspace at which the lift is taken.
+# Heights of `lowest_lift_height` and cells of `controllable_share` in the workspace.
 HEIGHTS = 33
 GRID = (7, 7, 9)
 BOX_GRID = (5, 5, 5)
-"""Points of the box whose homogeneity is taken, along x, y and z."""
+"""Points of the box for the homogeneity, along x, y and z."""
 
 
 class SolvedIron:
@@ -56,14 +56,14 @@ class SolvedIron:
 
     @property
     def surface_faces(self) -> int:
-        """Of the mesh."""
+        """Number of faces on the surface of the mesh."""
         if isinstance(self.field, LinearSolution):
             return self.field.report.surface_faces
         return len(self.field.surface.areas)
 
     def error(self, currents: Array) -> ErrorEstimate:
-        """Of linear iron that of the worst coil, from its refinement or by both forms and a coarser mesh; of
-        saturating iron that of the state at these currents."""
+        """Estimated error. For linear iron, of the worst coil, from the refinement, or from both forms and a coarser
+        mesh; for saturating iron, of the state at these currents."""
         if isinstance(self.field, NonlinearSolver):
             return self.field.estimate_error(self.field.at(currents), self._model.tolerance)
         return self._linear_error if self.field.report.error is None else self.field.report.error
@@ -84,13 +84,13 @@ class SolvedIron:
 
 Numbers = dict[str, Any]
 
-# Half the distance of the currents whose forces are differenced, relative.
+# Relative step of central differences in the currents.
 _STEP = 0.01
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Task(records.Record):
-    """All that is needed to solve one variant; made of plain data, so that another process can have it."""
+    """All that is needed to solve one variant, as plain data that can be sent to another process."""
 
     document: Document
     current_sets: tuple[CurrentSet, ...]
@@ -100,7 +100,7 @@ class Task(records.Record):
 
 @dataclass(frozen=True, repr=False)
 class Row(records.Record):
-    """One variant at one set of currents: numbers by the name of their quantity, and what could not be found."""
+    """One variant at one set of currents: numbers by the name of their quantity, and reasons for missing ones."""
 
     numbers: Numbers
     problems: tuple[str, ...] = ()
@@ -108,40 +108,42 @@ class Row(records.Record):
 
 @dataclass(frozen=True, repr=False)
 class VariantResult(records.Record):
-    """rows: one for each set of currents. assumptions: what the numbers rest on."""
+    """rows: one for each set of currents. assumptions: of the numbers."""
 
     rows: tuple[Row, ...]
     assumptions: tuple[str, ...] = ()
 
 
 def solve_variant(task: Task) -> VariantResult:
-    """Solve one variant and take its numbers. What fails is a reason in the result, never an error."""
+    """Solve one variant and compute its numbers. A failure is a reason in the result, never an error."""
     try:
         device = device_of(task.document)
         return _accurate(device, task)
-    except Exception as error:  # the other variants go on, whatever it was
+    except Exception as error:  # no failure stops the other variants
         why = (reason("variant", error),)
         return VariantResult(tuple(Row({}, why) for _ in task.current_sets))
 
 
 def reason(what: str, error: Exception) -> str:
-    """An error in one line, with what was being done."""
+    """An error in one line, after the name of the step that failed."""
     if isinstance(error, FieldmapError) and error.problems:
         return f"{what}: {type(error).__name__}: " + " | ".join(str(problem) for problem in error.problems)
     return f"{what}: {type(error).__name__}: {error}"
 
 
 def _accurate(device: Device, task: Task) -> VariantResult:
-    """The variant, its mesh refined until its estimated errors are within the accuracy that is asked for."""
+    """The variant, with its mesh refined until the estimated errors are within the required accuracy."""
     model, errors = task.iron, []
     for _ in range(MOST_REFINEMENTS):
         iron = SolvedIron(device, model)
         rows = tuple(_row(device, iron, entry, task.record) for entry in task.current_sets)
+        # The variables of the study say what differs.
+        assumed = tuple(text for text in iron.field.assumptions if text != device.changed)
         if model.accuracy is None or not model.saturating:
-            return VariantResult(rows, iron.field.assumptions)
+            return VariantResult(rows, assumed)
         found = [row.numbers["error_flux_density"] for row in rows if "error_flux_density" in row.numbers]
         if not found or max(found) <= model.accuracy:
-            return VariantResult(rows, iron.field.assumptions)
+            return VariantResult(rows, assumed)
         errors.append(max(found))
         model = replace(model, refinement=COARSER * model.refinement)
     must_hold = (
@@ -165,7 +167,7 @@ def _row(device: Device, iron: SolvedIron, entry: CurrentSet, record: Record) ->
 
 
 def numbers_at(point: OperatingPoint) -> tuple[Numbers, tuple[str, ...]]:
-    """What is recorded of a solved variant at its currents, and what could not be found."""
+    """The recorded numbers of a solved variant at its currents, and reasons for missing ones."""
     numbers: Numbers = {}
     problems = []
     for group in point.record.groups:
@@ -191,14 +193,14 @@ class OperatingPoint:
 
     @property
     def payload(self) -> Payload:
-        """The payload, its magnets point dipoles, as derivatives of designs take them; the checks of studies and
-        designs have seen to it that there is one."""
+        """The payload with its magnets as point dipoles, as in derivatives of designs. The checks of studies and
+        designs ensure that there is one."""
         assert self.device.payload is not None
         return replace(self.device.payload, volume_level=1)
 
     @property
     def current_limit(self) -> float:
-        """Of every coil, A; the same checks have seen to it."""
+        """Limit of the current in every coil, A. The same checks ensure that there is one."""
         assert self.record.current_limit is not None
         return self.record.current_limit
 
@@ -214,7 +216,7 @@ class OperatingPoint:
         return as_field(self.iron.field, self.box)
 
     def equilibrium(self) -> Equilibrium:
-        """Where these currents hold the payload; looked for once, and raised again if there is none."""
+        """The equilibrium at these currents, searched for once. If there is none, each call raises the same error."""
         if isinstance(self._sought, FieldmapError):
             raise self._sought
         return self._sought
@@ -343,11 +345,11 @@ _GROUPS: dict[str, Callable[[OperatingPoint], Numbers]] = {
 
 
 def lowest_lift_height(field: Field, currents: Array, payload: Payload, over: Array) -> float:
-    """Lowest height z (m) of the box on the vertical over (x, y) at which these currents lift the weight, or these
-    currents the other way round.
+    """Lowest height z (m) in the box on the vertical through (x, y) at which these currents, or their negatives, lift
+    the weight.
 
-    The payload does not turn. The box's lower end if they lift it there too. Raises Infeasible if they lift it nowhere
-    on the vertical.
+    The payload does not turn. The height is the box's lower end if they lift it there. Raises Infeasible if they lift
+    it nowhere on the vertical.
     """
     lower, upper = (float(corner[2]) for corner in require_bounds(field))
 
@@ -381,7 +383,7 @@ def controllable_share(
 ) -> float:
     """Share of a box in which some currents within +-limit hold the payload: no horizontal force, lift = weight.
 
-    By 7 x 7 x 9 cells, each by its centre, with a vertical moment; linear iron, whose coils superpose. Raises
+    Evaluated at the centres of 7 x 7 x 9 cells, for a vertical moment and linear iron, in which coils superpose. Raises
     InputError for a payload of pieces.
     """
     check_payload(payload, "reachable_share")
@@ -397,7 +399,8 @@ def controllable_share(
 
 
 def _holds(matrix: Array, constant: Array, weight: float, limit: float) -> bool:
-    """Whether currents (n_coils,) exist for forces matrix (3, n_coils), N/A, beside a constant (3,), N."""
+    """Whether currents within the limit balance the weight. matrix (3, n_coils): force, N/A; constant (3,): other
+    force, N."""
     coils = matrix.shape[1]
     low, high, weights = np.full(coils, -limit), np.full(coils, limit), np.ones(coils)
     wanted, rows = np.array([0.0, 0.0, weight]) - constant, np.ascontiguousarray(matrix)

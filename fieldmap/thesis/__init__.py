@@ -1,8 +1,8 @@
-"""The numbers that the thesis prints, beside ours: one row per system, as data and functions.
+"""Comparison of the numbers that the thesis prints with ours: one row per system, as data and functions.
 
-The row files in printed_numbers/ declare what is printed, with its place, and which function computes ours; the modules
-of this package hold these functions. They use the public API of the other packages, as a reader's own script would, and
-only the command line imports this package. `compare` puts printed numbers and ours side by side.
+The row files in printed_numbers/ declare each printed number with its place, and the function that computes ours; the
+modules of this package hold these functions. They use the public API of the other packages, as a reader's own script
+would, and only the command line imports this package. `compare` returns the printed numbers and ours.
 """
 
 from fieldmap.curves import Curves, Series

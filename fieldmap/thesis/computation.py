@@ -1,4 +1,4 @@
-"""Printed numbers beside ours: parts of rows computed one by one, so that a failure loses nothing of the others."""
+"""Comparison of printed numbers with ours. Parts of rows are computed one by one, so that one failure is not all."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -21,7 +21,7 @@ from fieldmap.typing import Progress
 
 @dataclass(frozen=True, repr=False)
 class Ours(Record):
-    """Our number or array, and what the computation itself says it rests on (a solver's report, for example)."""
+    """Our number or array, and the assumptions of its computation, for example from a solver's report."""
 
     value: Any
     assumptions: tuple[str, ...] = ()
@@ -29,7 +29,7 @@ class Ours(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Answers(Record):
-    """What a part computes, where it is more than numbers.
+    """Results of a part that computes more than numbers.
 
     numbers: name of every printed number -> our number or `Ours`. curves: figures. facts: name -> value, for the
     explanations and assumptions of the row file, which may also name the part's inputs.
@@ -42,9 +42,9 @@ class Answers(Record):
 
 @dataclass(frozen=True, repr=False)
 class Comparison(Record):
-    """One number of the thesis beside ours.
+    """One number of the thesis and our number.
 
-    id: the row; name: which number of it. deviation = ours / thesis - 1, None where the thesis prints 0. kind: "sharp"
+    id: the row; name: number in the row. deviation = ours / thesis - 1, None where the thesis prints 0. kind: "sharp"
     (arithmetic on stated inputs, must agree to the printed digits), "model" (our physics against theirs) or "measured"
     (against their experiment). agrees: whether a sharp number agrees to half a unit of the last printed digit; None
     for the other kinds. misprint: why the printed number cannot be right, or "".
@@ -66,12 +66,12 @@ class Comparison(Record):
 
     @property
     def verdict(self) -> str:
-        """ "agrees" for a sharp number that does, otherwise the deviation; "" where the thesis prints 0."""
+        """ "agrees" for a sharp number that agrees, otherwise the deviation; "" where the thesis prints 0."""
         return "agrees" if self.agrees else percent(self.deviation)
 
 
 def percent(deviation: float | None) -> str:
-    """A deviation in per cent, a factor in words where that would be a long number.
+    """A deviation in per cent, or as a factor ("12.5 times") from 1000 % on.
 
     >>> percent(0.0123), percent(-2e-5), percent(11.5), percent(None)
     ('+1.2 %', '-0.002 %', '12.5 times', '')
@@ -85,7 +85,7 @@ def percent(deviation: float | None) -> str:
 
 
 def compared(part: str, printed: PrintedPart, answers: Answers) -> Iterator[Comparison]:
-    """Every printed number of a part beside the answer of the same name."""
+    """Compare every printed number of a part with the answer of the same name."""
     if odd := answers.numbers.keys() ^ printed.numbers.keys():
         raise LookupError(f"{part}: computed and printed differ: {odd}")
     values = {**printed.inputs, **answers.facts}
@@ -107,7 +107,7 @@ def compared(part: str, printed: PrintedPart, answers: Answers) -> Iterator[Comp
                 ours=ours,
                 deviation=ours / number.value - 1.0 if number.value else None,
                 kind=number.kind,
-                # Half a unit, and the rounding of numbers that lie exactly between two.
+                # The margin allows for rounding errors of numbers exactly half a unit away.
                 agrees=abs(ours - number.value) <= number.half_unit * (1 + 1e-6) if sharp else None,
                 misprint=number.misprint,
                 place=number.place,
@@ -117,18 +117,18 @@ def compared(part: str, printed: PrintedPart, answers: Answers) -> Iterator[Comp
 
 
 def agreeing(comparisons: Iterable[Comparison]) -> tuple[int, int]:
-    """How many sharp numbers agree to the printed digits, and how many sharp numbers without a misprint there are."""
+    """Number of sharp numbers that agree to the printed digits, and of all sharp numbers without a misprint."""
     sharp = [c for c in comparisons if c.kind == "sharp" and not c.misprint]
     return sum(bool(c.agrees) for c in sharp), len(sharp)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PartResult(Record):
-    """What became of one part of a row.
+    """Outcome of one part of a row.
 
-    explanations: name of a printed number, or "" for the part -> why ours differs. seconds: of processor time.
-    problem: why there are no numbers, or "". remedy: the command that helps, or "". map: the recipe whose map it takes,
-    or "". option: of the command line for its detail, " --quick" or "".
+    explanations: name of a printed number, or "" for the part -> why ours differs. seconds: processor time.
+    problem: why there are no numbers, or "". remedy: the command that helps, or "". map: recipe of the map that the
+    part uses, or "". option: command-line option for the detail, " --quick" or "".
     """
 
     part: str
@@ -144,7 +144,7 @@ class PartResult(Record):
 
     @property
     def row(self) -> str:
-        """The row it belongs to."""
+        """The row of the part."""
         return row_of(self.part)
 
     @property
@@ -158,9 +158,9 @@ class PartResult(Record):
 def function_of(part: str) -> Callable[[dict[str, Any]], Answers | Mapping[str, Any]]:
     """The function that computes a part: `ours` of its row file.
 
-    It takes the part's inputs, name -> number or array in the units of the file, and returns the name of every printed
-    number -> our number (an array for a table), or `Ours` where something is assumed; or `Answers`, which hold figures
-    and facts besides. Where the file says `map = "division"`, inputs["map"] is that recipe's map, opened.
+    The function takes the part's inputs, name -> number or array in the units of the file. It returns name of every
+    printed number -> our number (an array for a table), or `Ours` with assumptions; or `Answers`, which also hold
+    figures and facts. If the file has `map = "division"`, inputs["map"] is the opened map of that recipe.
     """
     module, _, name = read_part(part).ours.partition(".")
     with needs("make", part):
@@ -168,12 +168,12 @@ def function_of(part: str) -> Callable[[dict[str, Any]], Answers | Mapping[str, 
 
 
 def compare(rows: Iterable[str] = (), maps: Path = FOLDER) -> list[Comparison]:
-    """Every number that the thesis prints for some rows beside ours.
+    """Compare every number that the thesis prints for some rows with ours.
 
     Parameters
     ----------
     rows
-        Names such as "S7"; if none is given, all that need no map or whose map has been made.
+        Names such as "S7"; by default all rows that need no map or have one.
     maps
         The folder of the maps.
 
@@ -185,9 +185,9 @@ def compare(rows: Iterable[str] = (), maps: Path = FOLDER) -> list[Comparison]:
     Raises
     ------
     InputError
-        For a row that is not there.
+        For an unknown row.
     MapMissing
-        Where a row was named whose map is missing.
+        For a named row without its map.
 
     Examples
     --------
@@ -207,7 +207,7 @@ def compare(rows: Iterable[str] = (), maps: Path = FOLDER) -> list[Comparison]:
 
 
 def compute_part(part: str, maps: Path = FOLDER) -> PartResult:
-    """The numbers, figures and explanations of one part. Raises MapMissing, and what the part itself raises."""
+    """The numbers, figures and explanations of one part. Raises MapMissing and the errors of the part itself."""
     printed = read_part(part)
     with maps_in(maps):
         inputs = printed.inputs | ({"map": available_map(printed.map)} if printed.map else {})
@@ -216,7 +216,7 @@ def compute_part(part: str, maps: Path = FOLDER) -> PartResult:
     seconds = time.process_time() - started
     if not isinstance(answers, Answers):
         answers = Answers(answers)
-    # The list of figures in the documentation is made from the data files, so that no row need be computed for it.
+    # The documentation takes its list of figures from the data files, so the two must agree.
     drawn = {number for one in answers.curves for number in figure_numbers(one.title)}
     if drawn != set(printed.figures):
         odd = ", ".join(sorted(drawn ^ set(printed.figures)))
@@ -233,7 +233,7 @@ def compute_part(part: str, maps: Path = FOLDER) -> PartResult:
 
 
 def attempt_part(part: str, maps: Path = FOLDER) -> PartResult:
-    """`compute_part`, but whatever goes wrong becomes `problem`: the other parts do not depend on this one."""
+    """`compute_part`, but any error becomes `problem`, because other parts do not depend on this one."""
     remedy = ""
     try:
         return compute_part(part, maps)
@@ -247,7 +247,7 @@ def attempt_part(part: str, maps: Path = FOLDER) -> PartResult:
 
 
 def _result(part: str, printed: PrintedPart, **found: Any) -> PartResult:
-    """With the map and the option of the present detail."""
+    """The result with the map and the option of the present detail."""
     chosen = detail.current()
     return PartResult(part, printed.title, **found, map=chosen.map_name(printed.map), option=chosen.option)
 
@@ -262,7 +262,7 @@ def attempt_rows(
     Parameters
     ----------
     rows
-        Names such as "S7"; all unless given.
+        Names such as "S7"; all by default.
     progress
         Called as progress(part, share of the work done).
     attempt
@@ -282,6 +282,6 @@ def attempt_rows(
 
 
 def expected_seconds(part: str) -> float:
-    """Processor time that a part takes at the present detail, about, s."""
+    """Approximate processor time of a part at the present detail, s."""
     printed = read_part(part)
     return printed.quick_seconds if detail.current().is_quick else printed.seconds

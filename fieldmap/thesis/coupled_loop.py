@@ -1,6 +1,6 @@
 """S18, S19: the coupled closed loop on the map, by the shipped scenarios: Tables 7-1 and 7-2, 7.1; sway and block of
-6.1, PD and PID of 6.5 and 6.6, range of 7.2.3; circles of 7.3; the optimal regulator of 7.4, Tables 7-3 and 7-4, with
-its estimates."""
+6.1, PD and PID of 6.5 and 6.6, range of 7.2.3; circles of 7.3; the optimal regulator of 7.4 with its state estimates,
+Tables 7-3 and 7-4."""
 
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -74,7 +74,7 @@ GAIN_1 = {
 
 
 def combined(inputs: dict[str, Any]) -> Answers:
-    """7.1.1 and 7.1.3: what a motion along some axes does to the others."""
+    """7.1.1 and 7.1.3: effect of a motion along one axis or two on the other axes."""
     still, both_step = {"kind": "constant"}, {"reference.1.by_mm": 0.1}
     to_y = {"reference.0.axis": "y", "reference.1.axis": "x"}
     changes: dict[str, Any] = {
@@ -121,12 +121,12 @@ def combined(inputs: dict[str, Any]) -> Answers:
 
 
 def _shift(run: Readings, *axes: int) -> float:
-    """Largest departure of the true position from the reference, mm: under the sensors' noise."""
+    """Largest departure of the true position from the reference, mm; the sensors' noise would hide it."""
     return float(np.abs((run.true - run.wanted)[:, axes]).max())
 
 
 def spikes(inputs: dict[str, Any]) -> Answers:
-    """7.1.2: largest departure of the measured height, mm, while x steps, and each remedy."""
+    """7.1.2: largest departure of the measured height, mm, while x steps, without and with each remedy."""
     push = {f"control.compensator.{name}": inputs[name] for name in ("push_mm", "duration_ms")}
     gains = {f"gain {gain:g}": {"control.x.Kc": float(gain)} for gain in inputs["small_gains"]}
     runs = runs_of(inputs, "spikes", {"gain 1": {}, "gain 1, push": push, **gains})
@@ -139,7 +139,7 @@ def spikes(inputs: dict[str, Any]) -> Answers:
     tuned, *_ = gains
     both = {name: runs[name] for name in ("gain 1", "gain 1, push")}
     window = (9.8, 11.8)
-    # With how far the rig went on the same step.
+    # Lines at the peaks of the rig on the same step.
     spike = over_time("Fig. 7-10: one spike with and without the push", DEPTH, both, begin=9.8, end=11.8)
     for words, peak in zip(("", ", push"), inputs["rig_peaks_mm"], strict=True):
         spike = coupled.with_measured(spike, f"peak of the rig{words}", window, [peak, peak], points=False)
@@ -191,14 +191,14 @@ def sway(inputs: dict[str, Any]) -> Answers:
 
 
 def _reaches(run: Readings, rest: float, band: float = 0.05) -> float:
-    """Time from the signal's step at 1 s until x stays within 5 % of its way, s."""
+    """Settling time, s, from the step of the signal at 1 s until x stays within a band of 5 % of its step."""
     begin = float(run.true[run.during(0.0, 1.0), X].mean())
     away = np.abs(run.true[:, X] - rest) > band * abs(rest - begin)
     return float(run.time[np.flatnonzero(away)[-1]] - 1.0) if away.any() else 0.0
 
 
 def proportional(inputs: dict[str, Any]) -> Answers:
-    """6.5: where a PD controller lets the magnet rest, out and back."""
+    """6.5: rest positions of the magnet under a PD controller, out and back."""
     x = run_of(inputs, "horizontal_pd")
     controller = x.run.scenario.contents.control.x
     assert controller is not None
@@ -217,7 +217,7 @@ def proportional(inputs: dict[str, Any]) -> Answers:
     negative = run_of(inputs, "horizontal_pd", {"reference.0.by_mm": -0.1, "reference.1.by_mm": 0.1})
     late, at = (14.2, 18.4), [15.15, 16.65, 18.15]
     curves = []
-    # With the means that 6.5 prints.
+    # The figures with the means that 6.5 prints.
     for title, axis, run, shown, times, means in (
         ("12: x under PD control: 0.9, 1, 0.9 mm", X, x, late, at, "x_means_mm"),
         ("13: x under PD control: -0.9, -1, -0.9 mm", X, negative, late, at, "negative_x_means_mm"),
@@ -226,7 +226,7 @@ def proportional(inputs: dict[str, Any]) -> Answers:
     ):
         one = over_time(f"Fig. 6-{title}", axis, {"xy"[axis]: run}, begin=shown[0], end=shown[1])
         curves.append(coupled.with_measured(one, "mean of the rig", times, inputs[means]) if means else one)
-    # Out to 0.5 mm and back by one step, Ti = 0.005.
+    # Five steps out to 0.5 mm and one step back, Ti = 0.005.
     way = {"reference.0.times": 5, "reference.1.times": 1, "reference.1.at_s": 9.5, "duration_s": 12.0}
     for title, axis, name in (("Figs 6-17, 6-18", X, "x"), ("Fig. 6-19", Y, "y")):
         to_axis = changes if name == "y" else {}
@@ -236,13 +236,13 @@ def proportional(inputs: dict[str, Any]) -> Answers:
 
 
 def _held_at(run: Readings, axis: int, steps: int) -> float:
-    """Mean of the last 0.7 s after so many of the ten steps out and ten back, every 1.5 s, mm."""
+    """Mean position, mm, in the last 0.7 s after `steps` of the ten steps out and ten back, one every 1.5 s."""
     end = 2.0 + 1.5 * steps
     return run.mean(axis, end - 0.7, end - 0.01)
 
 
 def ranges(inputs: dict[str, Any]) -> Answers:
-    """7.2.3: how far slow references lead the magnet."""
+    """7.2.3: range over which slow references lead the magnet."""
     numbers: dict[str, Any] = {}
     curves = []
     for name, depth in zip(("upper", "lower"), inputs["depths_mm"], strict=False):
@@ -266,7 +266,7 @@ def ranges(inputs: dict[str, Any]) -> Answers:
 
 
 def _ways(inputs: dict[str, Any], depth: float) -> dict[str, Readings]:
-    """Out to each of four sides, 2 mm above the block as everywhere."""
+    """Runs out to each of four sides, 2 mm above the block as in all rows."""
     start = {"start.depth_mm": depth, "plate.face_mm": [0.0, 0.0, -(99.0 + depth)]}
     ways = ("+x", "-x", "+y", "-y")
     outward = {
@@ -276,7 +276,7 @@ def _ways(inputs: dict[str, Any], depth: float) -> dict[str, Readings]:
 
 
 def _farthest(way: str, run: Readings) -> float:
-    """Farthest true place along a way, while the height is within 1 mm, mm, with the way's sign."""
+    """Farthest true position along a way, mm, with its sign, as long as the height is within 1 mm."""
     axis, sign = "xy".index(way[1]), 1.0 if way[0] == "+" else -1.0
     held = np.abs(run.true[:, DEPTH] - run.wanted[:, DEPTH]) < 1.0
     end = len(held) if held.all() else int(np.argmin(held))
@@ -284,7 +284,7 @@ def _farthest(way: str, run: Readings) -> float:
 
 
 class Followed(NamedTuple):
-    """How a circle is followed: growth of the radius, angle behind it, deg, and RMS of what is left, mm."""
+    """Tracking of a circle: relative growth of the radius, phase lag, deg, and RMS of the rest of the path, mm."""
 
     growth: float
     lag_deg: float
@@ -292,7 +292,7 @@ class Followed(NamedTuple):
 
 
 def circles(inputs: dict[str, Any]) -> Answers:
-    """RMS of the height on each circle, at rest, and what becomes of radius and phase."""
+    """RMS of the height on each circle and at rest, and the change of radius and phase."""
     radii, rates, settled = inputs["radii_mm"], inputs["rates_rad_per_s"], float(inputs["settled_s"])
     rest = run_of(inputs, "circle", {"reference": [], "duration_s": 12.0})
     turning = {
@@ -327,7 +327,7 @@ def circles(inputs: dict[str, Any]) -> Answers:
 
 
 def follows(run: Readings, rate: float, begin: float) -> Followed:
-    """The turning part of the true path against that of the reference, by least squares."""
+    """Compare the rotating component of the true path with the reference's, by least squares."""
     rows = run.during(begin)
     turning = np.exp(1j * rate * run.time[rows])
     basis = np.column_stack([turning, turning.conj(), np.ones(rows.sum())])
@@ -342,7 +342,7 @@ _BEGIN, _END = 0.9, 2.0
 
 
 def step_and_states(run: Readings, quiet: Readings, rig_peak: ArrayLike) -> list[Curves]:
-    """Figs 7-32 to 7-34: run with the sensor's noise, quiet without. rig_peak: s after the step, mm beyond it."""
+    """Figs 7-32 to 7-34. run: with the sensor's noise, quiet: without. rig_peak: s after the step, mm beyond it."""
     keys, Ts = _keys(run), run.run.scenario.settings.control.period
     model = StateSpace(np.array(keys.A), np.array(keys.B)[:, None], np.array(keys.C)[None], np.zeros((1, 1)))
     plant, designed = design_of(model, keys.Q, keys.R, (keys.process_noise, keys.measurement_noise), Ts)
@@ -412,7 +412,7 @@ def regulator(inputs: dict[str, Any]) -> Answers:
 
 
 def heights(inputs: dict[str, Any]) -> Answers:
-    """Table 7-4, and how far from the block the regulator holds."""
+    """Table 7-4, and the largest distances from the block at which the regulator holds the magnet."""
 
     def above_the_block(gap: Any, changes: dict[str, Any]) -> Readings:
         return run_of(

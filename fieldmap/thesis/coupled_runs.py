@@ -1,4 +1,4 @@
-"""Runs of the shipped scenarios for rows S18 and S19: made, read in mm, judged, drawn."""
+"""Runs of the shipped scenarios for rows S16 to S19: simulation, readings in mm, metrics, figures."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -26,14 +26,14 @@ VERTICAL_PID: dict[str, Any] = {
     "lower": 0.0,
     "upper": 10.0,
 }
-"""7.2.1, its times taken as minutes."""
-# Of a line in a figure: more points than the picture has across are not seen.
+"""The controller of 7.2.1, with its printed times taken as minutes."""
+# Largest number of points of a line in a figure, about the width of the picture in pixels.
 _MOST_POINTS = 700
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Readings(Record):
-    """A run as the thesis's figures show it: time (r,), s; true, seen and wanted (r, 3) x, y, depth, mm."""
+    """A run as in the thesis's figures: time (r,), s; true, measured and reference x, y and depth (r, 3), mm."""
 
     run: ScenarioRun
     time: Array
@@ -46,27 +46,27 @@ class Readings(Record):
         return (self.time >= begin - 1e-9) & (self.time < end)
 
     def rms(self, axis: int, begin: float, end: float = np.inf) -> float:
-        """Root mean square of what the sensors show against the reference, mm."""
+        """Root mean square of the measured position less the reference, mm."""
         rows = self.during(begin, end)
         return float(np.sqrt(np.mean((self.seen - self.wanted)[rows, axis] ** 2)))
 
     def departure(self, axis: int, begin: float, end: float = np.inf) -> float:
-        """Largest distance of what the sensors show from the reference at `begin`, mm."""
+        """Largest distance of the measured position from the reference at `begin`, mm."""
         rows = self.during(begin, end)
         return float(np.abs(self.seen[rows, axis] - self.wanted[rows, axis][0]).max())
 
     def mean(self, axis: int, begin: float, end: float) -> float:
-        """Of what the sensors show, mm."""
+        """Mean of the measured position, mm."""
         return float(self.seen[self.during(begin, end), axis].mean())
 
     def time_to_reference(self, axis: int, at: float) -> float:
-        """From a step at `at`, s, until the true position first reaches what is asked for, s; infinite if never."""
+        """Time from a step at `at`, s, until the true position first reaches the reference, s; infinite if never."""
         final, begin = self.wanted[-1, axis], self.wanted[0, axis]
         there = self.during(at) & ((self.true[:, axis] - final) * np.sign(final - begin) >= 0.0)
         return float(self.time[np.argmax(there)] - at) if there.any() else np.inf
 
     def step(self, axis: int) -> StepMetrics:
-        """Of the first step of an axis, from the true position."""
+        """Metrics of the first step of an axis, from the true position."""
         found = self.run.metrics.axes[axis].step
         assert found is not None
         return found
@@ -78,7 +78,7 @@ class Readings(Record):
 
 
 def run_of(inputs: Mapping[str, Any], scenario: str, changes: Mapping[str, Any] | None = None) -> Readings:
-    """A shipped scenario on the row's map; inputs may hold another function in the place of `simulate`."""
+    """Run a shipped scenario on the row's map; inputs["simulate"] may replace `simulate`."""
     run = inputs.get("simulate", simulate)(scenario, dict(changes or {}), field_map=inputs["map"])
     true, seen, wanted = (reading_mm(run.scenario, p) for p in (run.sensed, run.seen, run.references))
     return Readings(run, run.time, true, seen, wanted)
@@ -87,12 +87,12 @@ def run_of(inputs: Mapping[str, Any], scenario: str, changes: Mapping[str, Any] 
 def runs_of(
     inputs: Mapping[str, Any], scenario: str, changes: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Readings]:
-    """A scenario with each of these changes, by their names."""
+    """Run a scenario with each of several named changes."""
     return {name: run_of(inputs, scenario, one) for name, one in changes.items()}
 
 
 def ours(value: Any, *readings: Readings) -> Ours:
-    """A number with everything that its runs rest on."""
+    """A number with all assumptions of its runs."""
     names = dict.fromkeys(f"`{one.run.scenario.path.stem}`" for one in readings)
     word = "scenario" if len(names) == 1 else "scenarios"
     texts = [f"{word} {', '.join(names)}, whose files name every choice; controller times taken as minutes"]
@@ -110,8 +110,8 @@ def over_time(
     asked: bool = True,
     models: Mapping[str, Array] | None = None,
 ) -> Curves:
-    """One axis of one or more runs as the sensors show it, and what they were asked for. models: what the thesis's
-    models say (r,), mm, at the times of the first run."""
+    """Measured position along one axis in one or more runs, and the references. models: responses (r,), mm, of the
+    thesis's models at the times of the first run."""
     series: list[Series] = []
     for name, one in readings.items():
         rows = _thinned(one.during(begin, end))
@@ -125,7 +125,7 @@ def over_time(
 
 
 def _asked(axis: int, readings: Mapping[str, Readings], begin: float, end: float) -> list[Series]:
-    """Each reference once."""
+    """The references, each drawn once."""
     series: dict[bytes, Series] = {}
     for one in readings.values():
         rows = _thinned(one.during(begin, end))
@@ -135,7 +135,7 @@ def _asked(axis: int, readings: Mapping[str, Readings], begin: float, end: float
 
 
 def with_measured(curves: Curves, name: str, x: ArrayLike, y: ArrayLike, *, points: bool = True) -> Curves:
-    """The same figure with what the thesis measured on its rig: marks, or a level from x[0] to x[1]."""
+    """The same figure with values measured on the thesis's rig: markers, or a level from x[0] to x[1]."""
     rig = Series(name, np.asarray(x, dtype=float), np.asarray(y, dtype=float), "measured", points=points)
     return replace(curves, series=(*curves.series, rig))
 
@@ -143,7 +143,7 @@ def with_measured(curves: Curves, name: str, x: ArrayLike, y: ArrayLike, *, poin
 def beside_models(
     title: str, axis: int, run: Readings, models: Mapping[str, tuple[TransferFunction, PID]], **shown: Any
 ) -> Curves:
-    """A run, and what models in closed loop, plant and controller, make of its reference; shown: as in `over_time`."""
+    """A run, and responses of closed-loop models (plant, controller) to its reference; shown: as in `over_time`."""
     begin = run.wanted[0, axis]
     asked = run.wanted[:, axis] - begin
     answers = {name: begin + simulate_loop(*model, asked).y[0] for name, model in models.items()}
@@ -151,7 +151,7 @@ def beside_models(
 
 
 def in_the_plane(title: str, run: Readings, begin: float) -> Curves:
-    """x against y as the sensors show them, and what was asked for."""
+    """Measured path in the x-y plane, and its reference."""
     rows = _thinned(run.during(begin))
     series = (
         Series("path", run.seen[rows, X], run.seen[rows, Y]),

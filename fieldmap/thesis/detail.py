@@ -1,7 +1,7 @@
-"""What the rows are computed with: how fine meshes are, as a row states it or coarse for a first look, and which maps.
+"""Detail of a computation: full meshes and maps as the rows state them, or coarse ones for a quick look.
 
-What a part takes as its mesh goes through `refinement`, what it remembers through `cached`, and the name of its map
-through `Detail.map_name`, so that results of both never meet.
+A part takes its mesh size from `refinement`, caches with `cached`, and takes the name of its map from
+`Detail.map_name`, so that full and quick results never mix.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,14 +18,14 @@ from fieldmap.records import Record
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 FOLDER = Path("maps/out")
-"""Where `fieldmap map RECIPE` puts a map, in the current folder."""
+"""Where `fieldmap map RECIPE` writes a map, in the current folder."""
 COARSE, COARSEST = 0.4, 0.25
-"""What a row divides mesh sizes by is multiplied by the first where it is computed quickly, down to the second."""
+"""A quick computation multiplies the refinement of a row by COARSE, but not below COARSEST."""
 
 
 @dataclass(frozen=True, repr=False)
 class Detail(Record):
-    """name: "full" or "quick". option: of the command line that asks for it, with a space before it."""
+    """name: "full" or "quick". option: the command-line option for it, with a leading space."""
 
     name: str
     option: str = ""
@@ -36,7 +36,7 @@ class Detail(Record):
         return self.name == "quick"
 
     def map_name(self, recipe: str) -> str:
-        """The recipe whose map stands for that of `recipe`; "" for none.
+        """Recipe of the map to use for `recipe` at this detail; "" for "".
 
         >>> QUICK.map_name("division"), FULL.map_name("division"), QUICK.map_name("")
         ('division_quick', 'division', '')
@@ -70,7 +70,7 @@ def at(detail: Detail) -> AbstractContextManager[Detail]:
 
 
 def refinement(usual: float) -> float:
-    """By what mesh sizes are divided where a part states `usual`; a finer mesh stays finer than the others.
+    """Divisor of mesh sizes at the present detail, where a part states `usual`. Finer meshes stay finer than others.
 
     >>> with at(QUICK):
     ...     [refinement(usual) for usual in (1.0, 1.3, 0.5, 0.3)]
@@ -80,7 +80,7 @@ def refinement(usual: float) -> float:
 
 
 def fewer(count: int) -> int:
-    """How many of something a part takes where it states `count`; three at least.
+    """A number of items at the present detail, where a part states `count`; at least three, or `count` if smaller.
 
     >>> with at(QUICK):
     ...     [fewer(count) for count in (10, 5, 2)]
@@ -90,7 +90,7 @@ def fewer(count: int) -> int:
 
 
 def cached(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """`functools.cache` for what depends on the detail: results of each are kept apart."""
+    """`functools.cache` for functions that depend on the detail, with separate results for each detail."""
 
     @cache
     def of_detail(_: Detail, *arguments: Arguments.args, **named: Arguments.kwargs) -> Result:
@@ -122,12 +122,12 @@ def maps_in(folder: Path) -> AbstractContextManager[Path]:
 
 
 def file_of(recipe: str, folder: Path | None = None) -> Path:
-    """Where the map lies that stands for a recipe's at the present detail; folder: that of `maps_in` unless given."""
+    """Path of a recipe's map at the present detail. folder: by default the folder of `maps_in`."""
     return (_FOLDER.get() if folder is None else folder) / f"{current().map_name(recipe)}.h5"
 
 
 def map_path(recipe: str, folder: Path | None = None) -> Path:
-    """The file of a recipe's map. Raises MapMissing where it has not been made."""
+    """The file of a recipe's map. Raises MapMissing if the map has not been made."""
     path = file_of(recipe, folder)
     if not path.is_file():
         raise MapMissing(current().map_name(recipe), path)
@@ -135,7 +135,7 @@ def map_path(recipe: str, folder: Path | None = None) -> Path:
 
 
 def available_map(recipe: str, outside_currents: str = "raise") -> Any:
-    """The opened map (FieldMap), read once. Raises MapMissing where it has not been made."""
+    """The opened map (FieldMap), read once. Raises MapMissing if the map has not been made."""
     path = map_path(recipe).resolve()
     return _open(path, path.stat().st_mtime_ns, outside_currents)
 

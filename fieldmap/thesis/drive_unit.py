@@ -1,4 +1,4 @@
-"""The drive unit with saturating iron, in the states and on the rays of currents that S11 to S15 ask for."""
+"""The drive unit with saturating iron: solved states, and interpolation along rays of currents, for S11 to S15."""
 
 from abc import abstractmethod
 from dataclasses import replace
@@ -24,16 +24,16 @@ from fieldmap.typing import Array
 
 DEVICE = "drive_unit"
 PACKAGES = ("kernels", "inputs", "device", "field", "currents", "sources", "iron")
-"""Packages and modules whose code decides a state."""
+"""Packages and modules with code that a state depends on."""
 FILE = "thesis_states_{:g}.cache"
 TOLERANCE = 1e-3
 SPACING = 4e-3
 LOWER, UPPER = np.array([-16e-3, -16e-3, -132e-3]), np.array([16e-3, 16e-3, -84e-3])
-"""The box around the magnet's places in chapters 6 and 7, for any h from 7 to 25 mm."""
+"""The box around the magnet's positions in chapters 6 and 7, for any h from 7 to 25 mm."""
 
 
 class WeightedStates(Field):
-    """A field of the drive unit that is a sum of states: maps of one "coil", to be taken at 1, each with a weight."""
+    """A field of the drive unit as a weighted sum of states. A state is a map with one "coil", to be used at 1 A."""
 
     @property
     def bounds(self) -> Bounds:
@@ -62,17 +62,17 @@ class WeightedStates(Field):
 
 
 class UnitStates(WeightedStates):
-    """The drive unit at any currents: a field that solves a state for each new set of them.
+    """The drive unit at any currents: a field that solves a state for each new set of currents.
 
     refinement divides the mesh sizes of the device file. folder: where solved states are cached (None: in memory
-    only), for the same device, refinement, tolerance, libraries and code of the packages that solve.
-    Fields are taken from the solver at the nodes of a grid of 4 mm and interpolated by harmonic polynomials.
+    only), for the same device, refinement, tolerance, libraries and code of the packages that solve. Values of the
+    solver at the nodes of a grid of 4 mm are interpolated by harmonic polynomials.
     """
 
     def __init__(self, refinement: float = 1.0, folder: Path | None = FOLDER) -> None:
         self.refinement, self._folder = refinement, folder
-        # Maps, not states: `NonlinearSolver.at` would hold every solved state in memory, while one that was read from
-        # the folder has none. A new state begins at the one that was solved last, as those in the folder did.
+        # Maps, not states: `NonlinearSolver.at` would hold every solved state in memory, and a cached file holds no
+        # state. A solve starts from the state that was solved last, as the cached ones did.
         self._fields: dict[str, FieldMap] = {}
         self._last: NonlinearSolution | None = None
         self.solved = 0
@@ -88,7 +88,7 @@ class UnitStates(WeightedStates):
         return self.device.coil_names
 
     def shares(self, currents: Array) -> list[tuple[float, FieldMap]]:
-        """The one state of these currents, solved where it is not known."""
+        """The state at these currents, solved if it is not cached."""
         key = str((np.round(currents, 9) + 0.0).tolist())
         if key not in self._fields:
             nodes = self._kept.arrays(key, lambda: self._solve(currents))
@@ -126,15 +126,15 @@ def _grid() -> Grid:
 
 
 PANELS = ((1.0, 1.558, 2.2), (1.558, 2.2, 3.0), (3.0, 3.6, 4.3), (3.6, 4.3, 5.2))
-"""Mean currents, A, at which states on a ray are solved; the next panel begins where one is left: at 1.558 A, which is
-(7-18) at z_s = 10 mm, at 3.0 and at 4.3 A."""
+"""Mean currents, A, at which states on a ray are solved: three per parabola. `_ENDS` are the mean currents at which
+the next panel takes over; 1.558 A is (7-18) at z_s = 10 mm."""
 _ENDS = np.array([1.558, 3.0, 4.3, 5.2])
 
 
 class UnitRays(WeightedStates):
-    """A field of the drive unit for mean currents of 1.0 to 5.2 A in any proportion.
+    """A field of the drive unit for currents in any proportion with a mean of 1.0 to 5.2 A.
 
-    A state whose currents were solved is taken itself. Raises OutsideMapError beyond the levels.
+    States are interpolated along the ray of proportional currents. Raises OutsideMapError for other means.
     """
 
     def __init__(self, states: UnitStates) -> None:
@@ -146,7 +146,7 @@ class UnitRays(WeightedStates):
         return self.states.coil_names
 
     def shares(self, currents: Array) -> list[tuple[float, FieldMap]]:
-        """The states on the ray of these currents that a parabola goes through."""
+        """The states on the ray of these currents, with the weights of the parabola through them."""
         mean = float(currents.mean())
         levels = _panel(mean)
         return [
@@ -158,7 +158,7 @@ class UnitRays(WeightedStates):
 
 @detail.cached
 def unit_states() -> UnitStates:
-    """States of the unit at the shipped mesh, or the coarse one of a quick look, cached in maps/out."""
+    """States of the unit on the shipped mesh, or on the coarse mesh of a quick look, cached in maps/out."""
     return UnitStates(refinement=detail.refinement(1.0))
 
 
@@ -169,18 +169,18 @@ def unit_rays() -> UnitRays:
 
 
 def payload() -> Payload:
-    """The microrobot, a point dipole, as the thesis takes it (2-11)."""
+    """The microrobot as a point dipole, as in the thesis (2-11)."""
     return as_dipole(unit_states().device)
 
 
 def as_dipole(device: Device) -> Payload:
-    """The payload of a device, its magnet a point dipole."""
+    """The payload of a device with its magnet as a point dipole."""
     assert device.payload is not None
     return replace(device.payload, volume_level=1)
 
 
 def lift_share(field: FieldLike, z_s: float, h: float, currents: float | Array) -> float:
-    """Lift over weight on the axis at currents (6,), or one in each coil, A; z_s and h in mm."""
+    """Lift over weight on the axis at currents (6,), A, or one current in all coils; z_s and h in mm."""
     point = np.array([[0.0, 0.0, magnet_height(z_s, 1e-3 * h)]])
     carried = payload()
     force = carried.moment * field.gradient(point, np.full(6, currents))[0, 2, 2]
@@ -188,7 +188,7 @@ def lift_share(field: FieldLike, z_s: float, h: float, currents: float | Array) 
 
 
 def _panel(mean: float) -> Array:
-    """The three levels between which a mean current is interpolated."""
+    """The three levels for the interpolation of a mean current."""
     if not PANELS[0][0] - 1e-9 <= mean <= PANELS[-1][-1] + 1e-9:
         must = f"must lie within {PANELS[0][0]:g} to {PANELS[-1][-1]:g} A"
         raise OutsideMapError(Problem("mean current", must, f"{mean:g} A", "ask for another level"))
@@ -196,7 +196,7 @@ def _panel(mean: float) -> Array:
 
 
 def _lagrange(levels: Array, mean: float) -> Array:
-    """Weights of the parabola through three levels; at a level, that one alone."""
+    """Weights of the parabola through three levels; at a level its weight is exactly 1."""
     if (near := np.abs(levels - mean) < 1e-9).any():
         return near.astype(float)
     return np.array([np.prod([(mean - b) / (a - b) for b in levels if b != a]) for a in levels])

@@ -1,6 +1,6 @@
-"""S14: where the magnet floats as the direction signals change, nothing fitted: Tables 6-2 to 6-7, Figs 6-5, 6-6; and
-what is asked of these curves: polynomial fits, current limit, convergence, magnet models, what current noise does to
-the position, and, with S12, named calibrations, and whether one of them makes one picture of both."""
+"""S14: equilibrium positions of the magnet over the direction signals, without fitting: Tables 6-2 to 6-7, Figs 6-5,
+6-6. Further studies of these curves: polynomial fits, current limit, convergence, magnet models, effect of current
+noise on the position, and calibrations of the model to these curves and to the lift of S12."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,15 +26,15 @@ from fieldmap.typing import Array
 Axis = Literal["x", "y"]
 Rule = Literal["constant", "held"]
 FAR = 0.34
-"""Direction signals beyond this are solved as states: the map is off by 0.1 to 0.2 mm there."""
+"""Direction signals beyond this are solved as states, because the error of the map there is 0.1 to 0.2 mm."""
 DRAWN_H = 15.0
-"""The h of curves that show one, mm: the device file's assumption."""
+"""The value of h, mm, in curves with a single h: the device file's assumption."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Shift(Record):
-    """Places (k, 2), m, of the magnet at signals (k,), counted from `origin` (2,), the place at signal 0; levels (k,),
-    A: mean current; largest (k,), A: that of the coil with most; all_stable: whether every one is pushed back."""
+    """Positions `places` (k, 2), m, of the magnet at signals (k,), relative to `origin` (2,), the position at signal 0;
+    levels (k,), A: mean current; largest (k,), A: largest coil current; all_stable: whether all are stable."""
 
     signals: Array
     places: Array
@@ -62,11 +62,11 @@ def shift(
     lever: float = 0.0,
     far: float = FAR,
 ) -> Shift:
-    """The magnet followed from signal 0 through signals of one sign, in rising size.
+    """Follow the magnet from signal 0 through signals of one sign, in rising size.
 
-    fields: where to take the field from, in order of preference; the next one where currents are beyond a map's
-    domain, the last one for signals beyond `far`. z_s, h: mm. level: current in each coil at the origin, A; (7-18)
-    unless given. Raises NoEquilibrium, OutsideMapError.
+    fields: sources of the field, in order of preference. The next one is used if currents are beyond a map's domain,
+    the last one for signals beyond `far`. z_s, h: mm. level: current in each coil at the origin, A; (7-18) by default.
+    Raises NoEquilibrium, OutsideMapError.
     """
     start_level = thesis_lift_current(z_s) if level is None else level
     wanted = np.concatenate([[0.0], np.asarray(signals, dtype=float)])
@@ -105,7 +105,7 @@ _HELD: dict[Rule, str] = {"held": "ours, lift held", "constant": "ours, mean cur
 
 
 def fields_for(n: float, field_map: Any) -> tuple[FieldLike, ...]:
-    """The map where n is its own, then solved states."""
+    """The map, if it has this n, then solved states."""
     return (field_map, unit_rays()) if n == 1.25 else (unit_rays(),)
 
 
@@ -116,7 +116,7 @@ def curve(
     field_map: Any, signals: Any, axis: Axis = "x", n: float = 1.25, z_s: float = 10.0, h: float = DRAWN_H,
     rule: Rule = "held",
 ) -> Shift:  # fmt: skip
-    """The static curve, followed from signal 0 to either side; kept."""
+    """The static curve, followed from signal 0; cached."""
     return _curve(fields_for(n, field_map), tuple(np.asarray(signals, float).tolist()), axis, n, z_s, h, rule)
 
 
@@ -164,7 +164,7 @@ def height_table(inputs: dict[str, Any]) -> Answers:
 
 
 def branches(inputs: dict[str, Any]) -> Answers:
-    """Each measured branch beside the one static curve, placed where the outward branch begins."""
+    """Compare each measured branch with the single static curve, shifted to the beginning of the outward branch."""
     z, axis, drawn = inputs["z_mm"], inputs["axis"], []
     numbers: dict[str, Any] = {}
     for side in ("positive", "negative"):
@@ -188,7 +188,7 @@ def branches(inputs: dict[str, Any]) -> Answers:
 
 
 def both_ways(name: str, signals: Array, out: Array, back: Array, kind: str = "ours") -> list[Series]:
-    """What is drawn of two branches; both in the order of the signals."""
+    """Series of two branches, both in the order of the signals."""
     points = kind == "measured"
     return [
         Series(f"{name}, outward", signals, out, kind, points),
@@ -197,8 +197,7 @@ def both_ways(name: str, signals: Array, out: Array, back: Array, kind: str = "o
 
 
 def _follows(drawn: list[Series]) -> str:
-    """How far the magnet moves outward, how far it is from there on the way back, and how far the held model is from
-    the outward branch; the largest of both directions."""
+    """One line: largest outward motion, error of the model with held lift, and distance between the two branches."""
     names = (_HELD["held"], "measured, outward", "measured, on the way back")
     held, out, back = (np.array([one.y for one in drawn if one.name == name]) for name in names)
     moved, off, lead = (float(np.abs(a).max()) for a in (out - out[:, :1], held - out, back - out))
@@ -235,7 +234,7 @@ def fits(inputs: dict[str, Any]) -> Answers:
 
 
 def limits(inputs: dict[str, Any]) -> Answers:
-    """The signal at which the coil with most current reaches the amplifier's limit, the lift being held."""
+    """The signal at which the largest coil current reaches the amplifier's limit, with the lift held."""
     limit, numbers, series = inputs["current_limit_A"], {}, []
     for n, name in ((1.25, "n125"), (1.5, "n150")):
         signals = inputs[f"{name}_signals"]
@@ -249,7 +248,7 @@ def limits(inputs: dict[str, Any]) -> Answers:
 
 
 def _crossing(signals: Array, largest: Array, limit: float) -> float:
-    """Where the largest current passes the limit; beyond the last signal along the last two."""
+    """Signal at which the largest current passes the limit; extrapolated from the last two signals beyond the last."""
     k = int(np.clip(np.searchsorted(largest, limit), 1, len(signals) - 1))
     share = (limit - largest[k - 1]) / (largest[k] - largest[k - 1])
     return float(signals[k - 1] + share * (signals[k] - signals[k - 1]))
@@ -266,7 +265,7 @@ def finer_unit() -> UnitStates:
 
 
 def convergence(inputs: dict[str, Any]) -> Answers:
-    """Places at a constant level: shipped mesh, finer mesh, and the map; h = 15 mm."""
+    """Positions at a constant level on the shipped mesh, on a finer mesh, and from the map; h = 15 mm."""
     signals, z_s = inputs["signals"], inputs["z_mm"]
     sources = (unit_rays(), UnitRays(finer_unit()), inputs["map"])
     of = [shift((source,), signals, h=DRAWN_H, z_s=z_s, rule="constant") for source in sources]
@@ -298,7 +297,7 @@ def magnet_models(inputs: dict[str, Any]) -> Answers:
     series = [Series(name, signals, x) for name, x in zip(names, places, strict=True)]
     points = Series("measured", signals, inputs["measured_mm"], "measured", points=True)
     figure = Curves("Models of the magnet", "x control signal", "x (mm)", (points, *series))
-    # Every stationary point of the map's box at the origin's currents, its stiffness, and Earnshaw's sum.
+    # Stationary points of the map's box at the origin's currents, and the stiffness and its trace (Earnshaw) there.
     currents = np.full(6, thesis_lift_current(z_s))
     rest = stationary_points(inputs["map"], currents, payload(), magnet_height(z_s, 1e-3 * DRAWN_H))
     point = rest.points[0]
@@ -316,7 +315,7 @@ def magnet_models(inputs: dict[str, Any]) -> Answers:
 
 
 def own_current(inputs: dict[str, Any]) -> Answers:
-    """The shift at a level near the one at which the model itself lifts, where no scale of force is needed."""
+    """The shift near the level at which the model itself carries the weight, so that no force is scaled."""
     signals, level = inputs["signals"], inputs["level_A"]
     found = shift((unit_rays(),), signals, rule="constant", h=DRAWN_H, z_s=inputs["z_mm"], level=level)
     at_measured = curve(inputs["map"], signals, rule="constant")
@@ -331,7 +330,7 @@ def own_current(inputs: dict[str, Any]) -> Answers:
 
 @detail.cached
 def sensitivity_at_origin() -> levitation.Sensitivity:
-    """At (7-18)'s current in every coil, z_s = 10 mm, h = 15 mm: twelve states of their own, +-0.035 A in each coil."""
+    """Sensitivity at the current of (7-18), z_s = 10 mm, h = 15 mm, from twelve states with +-0.035 A in one coil."""
     states, currents = unit_states(), np.full(6, thesis_lift_current(10.0))
     height = magnet_height(10.0, 1e-3 * DRAWN_H)
     (point,) = stationary_points(states, currents, payload(), height, samples=10).points
@@ -339,7 +338,7 @@ def sensitivity_at_origin() -> levitation.Sensitivity:
 
 
 def noise(inputs: dict[str, Any]) -> Answers:
-    """What independent current deviations of Table 3-10 do to the position, and which would explain what is seen."""
+    """RMS position by independent current noise of Table 3-10, and the noise that would explain the measured RMS."""
     found = sensitivity_at_origin()
     deviation = float(np.mean(inputs["deviation_A"]))
     rms = {held: 1e3 * np.sqrt(np.diag(found.noise(deviation, held))) for held in (False, True)}
@@ -365,9 +364,9 @@ FITS: dict[str, tuple[tuple[str, ...], str]] = {
     "with_x": (("field_scale", "magnet_offset", "current_scale"), "x"),
     "with_x_and_y": (("field_scale", "magnet_offset", "current_scale"), "xy"),
 }
-"""Name -> free parameters, and the axes whose positions are fitted besides (7-18). Held otherwise: h = 15 mm, 1, 1."""
+"""Name -> free parameters, and axes whose positions are fitted besides (7-18). Fixed values: h = 15 mm, scales 1."""
 OFFSET_LIMITS = (5e-3, 30e-3)
-"""m: the magnet is 10 mm tall and lies inside the body."""
+"""Limits, m: the magnet is 10 mm tall and lies inside the body."""
 
 
 def calibrations(inputs: dict[str, Any]) -> Answers:
@@ -393,7 +392,7 @@ def calibrations(inputs: dict[str, Any]) -> Answers:
             fit=free,
             limits={"magnet_offset": OFFSET_LIMITS},
         )
-        # What the fitted values make of every reading: of all lifts, and of all places but that of signal 0.
+        # Values of all readings with the fitted parameters: all lifts, and all positions except at signal 0.
         every = levitation.calibrate(
             field,
             payload(),
@@ -432,7 +431,7 @@ def calibrations(inputs: dict[str, Any]) -> Answers:
 
 
 def _position_readings(tables: Mapping[str, tuple[Array, Array]], deviation: float) -> PositionReadings:
-    """Rising branches, mm over signals; the first reading is that of signal 0, from which the others are counted."""
+    """Readings of rising branches, mm over signals; positions are relative to the first reading, at signal 0."""
     level = thesis_lift_current(10.0)
     currents, places = [np.full(6, level)], [[0.0, 0.0]]
     for axis, (signals, mm) in tables.items():

@@ -1,7 +1,7 @@
-"""Closed formulas for the force of one electromagnet on a levitated dipole, as the thesis's chapter 4 assumes them.
+"""Closed formulas for the force of one electromagnet on a levitated dipole, as chapter 4 of the thesis assumes them.
 
-Depth z is positive downwards from the pole piece, as there; forces in N. They are fits, not physics: how far they
-hold is measured in docs/theory/force_formulas.md.
+Depth z is positive downwards from the pole piece, as in the thesis; forces in N. The formulas are fits, not physics:
+docs/theory/force_formulas.md gives their errors.
 """
 
 from dataclasses import dataclass, replace
@@ -17,9 +17,9 @@ from fieldmap.records import Record
 from fieldmap.typing import Array
 
 Formula = TypeVar("Formula")
-# Smallest bracket of (4-7) on the data that a fit may end with: nearer, the pole lies among the data.
+# Smallest bracket of (4-7) in a fit. It keeps the pole of the formula away from the data.
 _SMALLEST_BRACKET = 0.05
-# Longest length, m, that a fit may end with: there its coordinate no longer plays a part.
+# Largest length a, b or d in a fit, m. A length this large makes its coordinate irrelevant.
 _LONGEST = 100.0
 
 
@@ -28,8 +28,8 @@ class HorizontalForce(Record):
     """F_x = side [ -I I0 L0 / (2 b (1 + z/a + side (x - x0)/b + |y|/d)^2) + c I/I0 ].
 
     side 1 is (4-7), (4-5) at I = I0, and (4-9) with x0 = 0; side -1 is the mirror image (4-8). inductance L0 in H,
-    lengths a, b, x0 in m, offset c in N, nominal_current I0 in A; d in m, or infinity where y plays no part. Singular
-    where the bracket of the denominator vanishes.
+    lengths a, b, x0 in m, offset c in N, nominal_current I0 in A; d in m, or infinity for no dependence on y. Singular
+    where the bracket in the denominator vanishes.
 
     >>> force = HorizontalForce(-2e-13, 0.22, 0.05, -0.08, x0=-0.17, nominal_current=1e6)  # Table 4-2
     >>> round(float(force(0.0, 0.125, 1e6)), 5), round(float(force.mirrored()(0.0, 0.125, 1e6)), 5)
@@ -121,7 +121,7 @@ class QuadraticForce(Record):
 
 @dataclass(frozen=True, repr=False)
 class Fit(Record, Generic[Formula]):
-    """A formula with fitted constants, and the root mean square and largest error on the data, N."""
+    """A formula with fitted constants, and its root mean square and largest error on the data, N."""
 
     formula: Formula
     rms: float
@@ -130,10 +130,10 @@ class Fit(Record, Generic[Formula]):
 
 @dataclass(frozen=True, repr=False)
 class AddedError(Record):
-    """Formulas of single electromagnets, added, against the computed force of all.
+    """Error of the added formulas of single electromagnets against the computed force of all.
 
-    currents: of those that have one, over the nominal one; rms: root mean square error, N; whole and middle: that over
-    the root mean square of the computed force, everywhere and in the middle of the line, where forces cancel.
+    currents: nonzero currents over the nominal current; rms: root mean square error, N; whole and middle: root mean
+    square error over that of the computed force, on the whole line and in its middle, where forces cancel.
     """
 
     currents: tuple[float, ...]
@@ -150,7 +150,7 @@ class AddedError(Record):
 def added_error(
     currents: tuple[float, ...], added: Array, computed: Array, middle: NDArray[np.bool_]
 ) -> AddedError:
-    """Of forces (n,), N; middle (n,): whether a place lies there."""
+    """Error of added forces (n,), N; middle (n,): whether a point lies in the middle."""
     error = added - computed
     shares = [_rms(error[places]) / _rms(computed[places]) for places in (np.full_like(middle, True), middle)]
     return AddedError(tuple(current for current in currents if current), _rms(error), *shares)
@@ -171,10 +171,9 @@ def fit_horizontal_force(
     a: float | None = None,
     start: tuple[float, float, float] = (0.2, 0.05, 0.05),
 ) -> Fit[HorizontalForce]:
-    """Constants of (4-7), (4-8), or of (4-9) where y is given, from forces.
+    """Constants of (4-7), (4-8), or of (4-9) if y is given, from forces.
 
-    L0 and c enter linearly and are eliminated; a, b, d are kept between 0 and 100 m, where a coordinate no
-    longer plays a part.
+    L0 and c enter linearly and are eliminated; a, b, d are kept between 0 and 100 m, where they no longer matter.
 
     Parameters
     ----------
@@ -185,23 +184,23 @@ def fit_horizontal_force(
     force
         (n,), N, at the nominal current.
     nominal_current
-        A.
+        Nominal current, A.
     x0
-        Of the formula, m.
+        End of the pole piece in the formula, m.
     y
-        Positions (n,), m; (4-9) where they are given.
+        Positions (n,), m, for (4-9).
     side
         +1 or -1, of the formula.
     a
-        Held at this value, m; fitted unless given. Where all z are equal it must be held, because only two of
-        L0, a, b are determined by such data.
+        Fixed value, m; fitted by default. If all z are equal, a must be fixed, because such data determine only
+        two of L0, a, b.
     start
-        a, b and d to begin with, m.
+        Start values of a, b and d, m.
 
     Returns
     -------
     Fit[HorizontalForce]
-        The formula, and how well it fits.
+        The formula and its errors.
 
     Raises
     ------
@@ -254,7 +253,7 @@ def fit_vertical_force(
 ) -> Fit[VerticalForce]:
     """Constants of (4-6) from forces: straight lines in z for every x, then (4-4).
 
-    As the thesis does it: slope and intercept at each x first, then an exponential through each of them.
+    As in the thesis, slope and intercept are fitted at each x first, and then an exponential to each of the two.
 
     Parameters
     ----------
@@ -265,14 +264,14 @@ def fit_vertical_force(
     force
         (n,), N, at the nominal current.
     nominal_current
-        A.
+        Nominal current, A.
     x0
-        Of the formula, m.
+        Reference position of the exponentials, m.
 
     Returns
     -------
     Fit[VerticalForce]
-        The formula, and how well it fits.
+        The formula and its errors.
 
     Raises
     ------
@@ -304,12 +303,12 @@ def fit_quadratic_force(x: ArrayLike, force: ArrayLike, nominal_current: float =
     force
         (n,), N.
     nominal_current
-        A.
+        Nominal current, A.
 
     Returns
     -------
     Fit[QuadraticForce]
-        The formula, and how well it fits.
+        The formula and its errors.
     """
     data = _data("fit_quadratic_force", 3, x, force)
     formula = QuadraticForce(tuple(np.polyfit(data[0], data[1], 2).tolist()), nominal_current)

@@ -1,4 +1,4 @@
-"""S17: arithmetic of the horizontal axes, and the coupled machine where chapter 6 shows the rig."""
+"""S17: arithmetic of the horizontal axes, and the coupled machine in the figures of chapter 6 that show the rig."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -19,7 +19,7 @@ from fieldmap.thesis.vertical import RUNS, over_records
 
 
 def arithmetic(inputs: dict[str, Any]) -> dict[str, Any]:
-    """(6-10), (6-11), and the signals that move 1 mm; what the models make of these signals."""
+    """(6-10), (6-11); the signals that move the magnet by 1 mm, and the models' positions at these signals."""
     ratio = inputs["system_Ti_s"] / inputs["model_Ti_s"]
     second = inputs["second_system_Ti_s"] / inputs["second_model_Ti_s"]
     moved: dict[str, Any] = {}
@@ -46,7 +46,7 @@ _TRIES = 4
 
 
 def recovery(inputs: dict[str, Any]) -> Answers:
-    """(6-6) to (6-9) from records of their own step responses to the signals of 6.4."""
+    """(6-6) to (6-9), identified again from their own noisy step responses to the signals of 6.4."""
     found_orders = {}
     for axis in "xy":
         for name, poles in (("second", 2), ("first", 1)):
@@ -68,7 +68,7 @@ class Control(Record):
     Td: float
 
     def changes(self, axis: str) -> dict[str, Any]:
-        """Of a scenario in which this axis alone is controlled."""
+        """Changes of a scenario in which this axis alone is controlled."""
         gains = {"Kc": self.Kc, "Td_s": 60.0 * self.Td, "lower": -0.4, "upper": 0.4}
         if np.isfinite(self.Ti):
             gains["Ti_s"] = 60.0 * self.Ti
@@ -76,12 +76,12 @@ class Control(Record):
         return {**free, f"control.{axis}": {"kind": "pid", **gains}}
 
     def pid(self, Ts: float, Ti: float) -> PID:
-        """For a model, with an integral time of its own, s."""
+        """The controller of a model, with a given integral time, s."""
         return PID(self.Kc, Ti, self.Td, Ts, integration="trapezoidal")
 
 
 def records(inputs: dict[str, Any]) -> Answers:
-    """The integral times that make the first-order model answer as the machine does, and the figures of 6.4 to 6.7."""
+    """Integral times with which the first-order model responds as the machine does, and the figures of 6.4 to 6.7."""
     # Several figures show the same step.
     step = cache(partial(_step, inputs))
     controls, runs, times = fitted_times(inputs, step)
@@ -92,7 +92,7 @@ def records(inputs: dict[str, Any]) -> Answers:
 def fitted_times(
     inputs: dict[str, Any], step: Callable[..., Readings] | None = None
 ) -> tuple[list[Control], list[Readings], list[float]]:
-    """Each controller of x, the machine's step under it, and the model's integral time, s."""
+    """The controllers of x, the machine's step under each, and the fitted integral times of the model, s."""
     controls = [Control(*map(float, row)) for row in inputs["controls"]]
     runs = [(step or partial(_step, inputs))(control, "x", 10.0, 12.0) for control in controls]
     first = _models(inputs, "x")["first order"]
@@ -121,7 +121,7 @@ def _step(
 
 
 def _fitted_time(inputs: dict[str, Any], plant: TransferFunction, control: Control, run: Readings) -> float:
-    """The model's integral time, s."""
+    """The integral time, s, with which the model's step is nearest to the machine's."""
     rows = run.during(2.0)
     reference = run.wanted[rows, X] - run.wanted[0, X]
 
@@ -133,7 +133,7 @@ def _fitted_time(inputs: dict[str, Any], plant: TransferFunction, control: Contr
 
 
 def _open_loop(inputs: dict[str, Any]) -> list[Curves]:
-    """Figs 6-7 to 6-10: the machine's signal is such that it ends where the rig did, and so is the models'."""
+    """Figs 6-7 to 6-10. The signals of machine and models are chosen so that all end where the rig did."""
     curves = []
     for number, axis, way in zip((7, 8, 9, 10), "xxyy", inputs["ways_mm"], strict=True):
         theirs = signal_of(inputs[f"{axis}_polynomial"], float(way))
@@ -152,7 +152,7 @@ def _open_loop(inputs: dict[str, Any]) -> list[Curves]:
 
 
 def _signal_for(inputs: dict[str, Any], axis: str, way: float, signal: float) -> tuple[float, Readings]:
-    """The signal that moves the machine so far in open loop, and its run."""
+    """The signal that moves the machine by `way`, mm, in open loop, and its run."""
     which, found = "xy".index(axis), way
     for _ in range(_TRIES):
         signal *= way / found
@@ -167,8 +167,8 @@ def _signal_for(inputs: dict[str, Any], axis: str, way: float, signal: float) ->
 def _closed_loop(
     inputs: dict[str, Any], controls: list[Control], times: list[float], step: Callable[..., Readings]
 ) -> list[Curves]:
-    """Figs 6-11, 6-14 and 6-20 to 6-27, beside what the thesis's models make of the same reference; times: of the
-    first-order model, s, fitted to the machine under each control."""
+    """Figs 6-11, 6-14 and 6-20 to 6-27, with the responses of the thesis's models to the same reference. times:
+    integral times of the first-order model, s, fitted to the machine under each controller."""
     pd = Control(float(inputs["pd_Kc"]), np.inf, float(inputs["pd_Td"]))
     Ti, Tm, scaled = (float(inputs[key]) for key in ("system_Ti", "model_Ti", "scaled_model_Ti"))
     quick, slow = controls[0], replace(controls[0], Ti=Tm)

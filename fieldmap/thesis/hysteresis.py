@@ -1,8 +1,8 @@
-"""S14: the two branches of Tables 6-4 to 6-7, the unit's magnet led out and back with hysteresis in the iron.
+"""S14: the two branches of Tables 6-4 to 6-7, with the magnet led out and back and hysteresis in the iron.
 
-The unit has iron of stated coercive fields, or joints at the cores' ends besides: two numbers that nobody measured, the
-thickness of the joints and the coercive field, are fitted to Table 6-4; with them the other tables are computed and
-compared. `scripts/studies/joint_study.py` does the fit, docs/joint_study.md reads it.
+The unit has iron with a coercive field, and in one variant also joints at the cores' ends. The thickness of the joints
+and the coercive field, which nobody measured, are fitted to Table 6-4; the other tables are then compared.
+`scripts/studies/joint_study.py` does the fit, docs/joint_study.md discusses it.
 """
 
 import json
@@ -50,13 +50,13 @@ HISTORIES: dict[str, str] = {
 LARGEST_CURRENT = shared_value("section_3_7.largest_current_A")
 """The amplifier's limit, A."""
 _LIFT_TOLERANCE, _TRIALS = 2e-3, 6
-# d log lift / d log level to begin with: between (7-18) and the level at which the unscaled model lifts.
+# Start value of d log lift / d log level, for levels between (7-18) and the lift current of the unscaled model.
 _EXPONENT = 0.9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Walk(Record):
-    """Places (k, 2), m, of the magnet at signals (k,), the first of them 0; levels (k,), A; lifts (k,), N."""
+    """Positions (k, 2), m, of the magnet at signals (k,), of which the first is 0; levels (k,), A; lifts (k,), N."""
 
     signals: Array
     places: Array
@@ -64,15 +64,15 @@ class Walk(Record):
     lifts: Array
 
     def shift(self, axis: Axis) -> Array:
-        """Distances (k,), m, along an axis from where the magnet was at the first signal."""
+        """Distances (k,), m, along an axis from the position at the first signal."""
         along = self.places[:, "xy".index(axis)]
         return np.asarray(along - along[0])
 
 
 @dataclass(frozen=True, repr=False)
 class Protocol(Record):
-    """How the signals become currents and how deep the magnet hangs: n of (6-3), z_s and h in mm, and the level rule of
-    `fieldmap.thesis.equilibrium_shift`. scale: of all currents, for other turns or another current sensing."""
+    """Division of currents and depth of the magnet: n of (6-3), z_s and h in mm, and the level rule of
+    `fieldmap.thesis.equilibrium_shift`. scale: factor of the level, for other turns or another current sensing."""
 
     axis: Axis = "x"
     n: float = 1.25
@@ -97,7 +97,7 @@ class Protocol(Record):
 
 
 def prepared(solver: HysteresisSolver, history: History, protocol: Protocol, end: float) -> IronMemory:
-    """The iron at signal 0 before the run, after a history in which the signal went to `end` and -`end`."""
+    """State of the iron at signal 0 before the run, after a history; cycles go to the signals `end` and -`end`."""
     check_choice("history", history, get_args(History))
     level = protocol.level
 
@@ -127,11 +127,11 @@ def walk(
     protocol: Protocol,
     parts: int = 1,
 ) -> Walk:
-    """The magnet at signals (k,) in their order, the first of which is 0, from where the iron is.
+    """Follow the magnet through signals (k,) in order, beginning at 0 with the iron in the state `memory`.
 
-    parts: steps of the iron from one signal to the next. With the rule "held" the level follows so that the lift stays
-    what it was at the first signal, to 0.2 %; trials leave no trace in the iron. Raises InputError, NoEquilibrium,
-    NotConverged.
+    parts: steps of the iron from one signal to the next. With the rule "held" the level is adjusted so that the lift
+    stays within 0.2 % of the lift at the first signal; trials do not change the iron. Raises InputError,
+    NoEquilibrium, NotConverged.
     """
     if signals[0] != 0.0:
         must_hold = "must begin with 0, from where places count"
@@ -155,8 +155,8 @@ def walk(
 def _next_level(
     found: Sequence[tuple[StationaryPoint, float]], signals: Sequence[float] | Array, level: float
 ) -> float:
-    """Where the search for the level begins: on the parabola, or the line, of its logarithm through those before, as
-    far back as the signal went the same way."""
+    """Start value of the search for the level: the logarithm of earlier levels is extrapolated by a parabola or line
+    through up to three points, as far back as the signal went the same way."""
     k = len(found)
     if k == 0:
         return level
@@ -177,12 +177,12 @@ def _settled(
     near: Array,
     protocol: Protocol,
 ) -> tuple[HystereticState, StationaryPoint, float]:
-    """State, rest point and level at one signal, by secants on logarithms where a lift is to be held."""
+    """State, rest point and level at one signal. A target lift is met by the secant method on logarithms."""
     tried: list[tuple[float, float]] = []
     state = None
     for _ in range(_TRIALS):
         state = solver.step(protocol.currents(level, signal), memory, near=state)
-        # A state knows its own currents only, so the path has one of them.
+        # A state holds at its own currents only, so the currents do not depend on the level.
         at, field = (state.currents, protocol.height), as_field(state, (LOWER, UPPER))
         point, _ = equilibrium_at(field, as_dipole(solver.device), lambda _, at=at: at, near, protocol.level)
         if target is None or abs(point.lift / target - 1.0) < _LIFT_TOLERANCE:
@@ -199,16 +199,16 @@ def _settled(
 
 DEVICE = "drive_unit_joints"
 REFINEMENT = 0.5
-"""Mesh sizes of the device file are divided by this: positions within 8 %, a run in a minute or two."""
+"""Divisor of the mesh sizes of the device file: positions within 8 %, a run in a minute or two."""
 COARSEST = 0.4
-"""Sheets between the cores and the disk have no mesh below this."""
+"""Smallest divisor at which the mesher can mesh the sheets between the cores and the disk."""
 _FILE = "thesis_hysteresis.cache"
 _CODE = (*PACKAGES, "levitation", "thesis/hysteresis", "thesis/vertical_sensor", "thesis/drive_unit")
 
 
 @dataclass(frozen=True, repr=False)
 class Led(Record):
-    """How a run is computed: history of the iron before it, play cells, steps from signal to signal, mesh."""
+    """Settings of a run: history of the iron, number of play cells, steps from signal to signal, mesh."""
 
     history: History = "shaken"
     cells: int = 6
@@ -217,7 +217,7 @@ class Led(Record):
 
 
 def coercive_field(device: Device) -> float:
-    """Of the steel, A/m; all iron of the unit is one steel."""
+    """Coercive field of the steel, A/m; all iron of the unit is one steel."""
     (steel,) = (one for one in device.materials.values() if isinstance(one, SaturatingMaterial))
     return steel.coercive_field
 
@@ -225,7 +225,7 @@ def coercive_field(device: Device) -> float:
 class JointedUnit:
     """A device whose magnet is led through tables of signals. The mesh is made when a run is not in the cache.
 
-    folder: where runs are cached, for the same device, settings, libraries and code; None: nowhere.
+    folder: where runs are cached, for the same device, settings, libraries and code; None for no cache.
     """
 
     def __init__(self, device: Device, led: Led | None = None, folder: Path | None = FOLDER) -> None:
@@ -237,12 +237,12 @@ class JointedUnit:
 
     @cached_property
     def solver(self) -> HysteresisSolver:
-        """The unit, meshed."""
+        """The solver of the meshed unit."""
         pinning = Pinning(coercive_field(self.device), self.led.cells)
         return HysteresisSolver(self.device, pinning, self.led.refinement)
 
     def run(self, axis: Axis, signals: Array, n: float = 1.25, z_s: float = 10.0) -> "Run":
-        """The magnet at signals (k,) in their order."""
+        """Lead the magnet through signals (k,) in their order, or read the run from the cache."""
         about = self.device.replace(provenance={}, title="").to_toml()
         key = json.dumps([about, self.led.to_dict(), axis, n, z_s, signals.tolist()])
         kept = Kept(None if self._folder is None else self._folder / _FILE, fingerprint((), _CODE))
@@ -260,8 +260,8 @@ class JointedUnit:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(Record):
-    """Shifts (k,), mm, from where the magnet was at the first signal; levels (k,), A; largest current of any coil (k,),
-    A; lifts (k,), N."""
+    """Shifts (k,), mm, from the position at the first signal; levels (k,), A; largest coil current (k,), A; lifts
+    (k,), N."""
 
     shift: Array
     levels: Array
@@ -271,15 +271,15 @@ class Run(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LiftLaw(Record):
-    """Lift over weight (k,) at depths z_s (k,), mm, with the currents of (7-18), and by how much the current must grow
-    with depth at z_s = 10 mm for the same lift, % per mm."""
+    """Lift over weight (k,) at depths z_s (k,), mm, with the currents of (7-18), and the relative growth of the current
+    with depth for constant lift at z_s = 10 mm, % per mm."""
 
     shares: Array
     relative_slope: float
 
 
 def lift_law(of: JointedUnit, depths: Array, scale: float = 1.0) -> LiftLaw:
-    """(7-18) with joints and hysteresis: the currents grow from nothing, as the magnet is lowered."""
+    """(7-18) with joints and hysteresis; the currents grow from zero while the magnet is lowered."""
     payload = of.payload
     weight = payload.mass * GRAVITY
 
@@ -302,7 +302,7 @@ def lift_law(of: JointedUnit, depths: Array, scale: float = 1.0) -> LiftLaw:
 
 
 def remanence(inputs: dict[str, Any]) -> Answers:
-    """Back less out, a row for each coercive field; places from where the run began."""
+    """Width between return and outward branch, one row for each coercive field."""
     signals, measured = inputs["signals"], (inputs["outward_mm"], inputs["back_mm"])
     zero, z, h, axis = measured[0][0], inputs["z_mm"], inputs["h_mm"], inputs["axis"]
     drawn, widths = both_ways("measured", signals, *measured, "measured"), []
@@ -318,19 +318,19 @@ def remanence(inputs: dict[str, Any]) -> Answers:
 
 
 def there_and_back(signals: Array) -> Array:
-    """Signals (2 k - 1,) to the last and back to the first."""
+    """Signals (2 k - 1,) from the first to the last and back."""
     return np.concatenate([signals, signals[-2::-1]])
 
 
 def out_and_back(values: Array) -> tuple[Array, Array]:
-    """Those (k,) on the way out and, in the same order, on the way back."""
+    """Values (k,) of the way out and of the way back, both in the order of the way out."""
     count = len(values) // 2 + 1
     return values[:count], values[count - 1 :][::-1]
 
 
 @detail.cached
 def _bare_unit(coercive: float, h: float, cells: int) -> JointedUnit:
-    """Without joints; with iron of one coercive field, A/m."""
+    """The unit without joints, with iron of a given coercive field, A/m."""
     device = read_device("drive_unit", {"payload.magnet_offset_mm": h})
     steel: Any = device.materials["steel"]
     led = Led("demagnetised", detail.fewer(cells), refinement=detail.refinement(REFINEMENT))
@@ -346,7 +346,7 @@ def shipped_unit() -> JointedUnit:
 
 
 def joints(inputs: dict[str, Any]) -> Answers:
-    """Both branches of both sides, each from where the measured run began."""
+    """Both branches of both sides; each side begins at the first measured position."""
     axis, drawn = inputs["axis"], []
     numbers: dict[str, Any] = {}
     for side in ("positive", "negative"):
@@ -364,10 +364,10 @@ def joints(inputs: dict[str, Any]) -> Answers:
 
 
 def _branches(axis: Axis, way: Array, z_s: float) -> Array:
-    """Shifts (k,), mm, of the shipped unit; in a quick report five are computed, for positive signals."""
+    """Shifts (k,), mm, of the shipped unit; a quick report computes every fourth, and only positive signals."""
     quick = detail.current().is_quick
     if way[1] < 0.0 and (axis == "y" or quick):
-        # The unit is its own mirror image along y, and nearly so along x.
+        # The unit is symmetric along y, and nearly symmetric along x.
         return -_branches(axis, -way, z_s)
     step = len(way) // 4 if quick else 1
     shift = shipped_unit().run(axis, way[::step], z_s=z_s).shift
@@ -375,14 +375,14 @@ def _branches(axis: Axis, way: Array, z_s: float) -> Array:
 
 
 def joint_range(axis: Axis, z_s: float, limit: float, largest_signal: float) -> float:
-    """Of the shipped unit, mm, both sides together; in a quick report twice the positive side."""
+    """Range of the shipped unit, mm, both sides together; for y and in a quick report twice the positive side."""
     if axis == "y" or detail.current().is_quick:
         return 2.0 * reach(shipped_unit(), axis, 1.0, z_s, limit, largest_signal)
     return sum(reach(shipped_unit(), axis, sign, z_s, limit, largest_signal) for sign in (1.0, -1.0))
 
 
 def about_the_joints() -> dict[str, Any]:
-    """What the shipped device was fitted with, and how the runs are computed."""
+    """Fitted values of the shipped device, and settings of the runs."""
     of = shipped_unit()
     return {
         "joint_mm": 1e3 * of.device.joints[0].gap,
@@ -394,7 +394,7 @@ def about_the_joints() -> dict[str, Any]:
 
 
 def reach(of: JointedUnit, axis: Axis, sign: float, z_s: float, limit: float, largest_signal: float) -> float:
-    """How far the magnet gets, mm, until a coil carries the limit, A, or the signal is at its largest."""
+    """Distance, mm, at which a coil reaches the limit, A, or the signal its largest value."""
     spacing = largest_signal / 2 if detail.current().is_quick else 0.05
     signals = np.arange(0.0, largest_signal + 1e-9, spacing)
     run = of.run(axis, sign * signals, z_s=z_s)

@@ -95,7 +95,7 @@ def sensor_and_amplifier(inputs: dict[str, Any]) -> dict[str, Any]:
 
 
 def _held(inputs: dict[str, Any], sensor: Micrometer, amplifier: Amplifier) -> float:
-    """Deviation of what the converter makes of a voltage that is held, at places all over one of its steps."""
+    """Standard deviation, um, of measured positions at rest, averaged over positions within one converter step."""
     card = Converter(inputs["range_V"], int(inputs["bits"]), random_noise=1e-6 * inputs["converter_noise_uV"])
     rig = instruments.Rig(Micrometer(sensor.zero, sensor.scale), card, card, amplifier)
     places = np.linspace(0.0, card.resolution * sensor.scale, 50, endpoint=False)[:, None] - 0.01

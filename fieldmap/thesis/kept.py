@@ -1,8 +1,8 @@
-"""Work that is kept in files: solved states and runs of the unit beside the maps, finished parts in a report's folder.
+"""Caches in files: solved states and runs of the unit in the folder of the maps, finished parts in a report's folder.
 
-What is kept counts under the fingerprint of everything that decides it. That of a part covers the package's code (but
-for `plot` and `cli`, which no part imports), the device files, the scenarios, the part's data, its map, and the
-versions of the numerical libraries.
+A cached result is valid only under its fingerprint. The fingerprint of a part covers the package's code (except `plot`
+and `cli`, which no part imports), the device files, the scenarios, the part's data, its map, and the versions of the
+numerical libraries.
 """
 
 import hashlib
@@ -28,36 +28,36 @@ from fieldmap.thesis.printed import data_files, read_part
 from fieldmap.typing import Array
 
 WAIT = 60.0
-"""Seconds for which a run waits for a file that another one reads or writes at this moment."""
+"""Longest wait, s, for a file that another run is reading or writing."""
 _FINISHED = "finished.kept"
 _WITHOUT_INFLUENCE = ("plot", "cli", "shipped")
 
 
 @dataclass(frozen=True, repr=False)
 class Kept(Record):
-    """Pieces of work in one file, which is open only while one is read or written: other runs may use it meanwhile.
+    """Cached results in one file, which is open only during a read or write so that other runs may use it.
 
-    path: None keeps nothing. fingerprint: of all that decides every piece; a file with another one is begun anew.
+    path: None for no cache. fingerprint: valid for all results; a file with another fingerprint is replaced.
     """
 
     path: Path | None
     fingerprint: str
 
     def get(self, key: str) -> Piece | None:
-        """The piece of this key, or None."""
+        """The result of this key, or None."""
         if self.path is None:
             return None
         with Checkpoint(self.path, self.fingerprint, wait=WAIT) as checkpoint:
             return checkpoint.get(key)
 
     def put(self, key: str, arrays: Mapping[str, Array] | None = None, about: Any = None) -> None:
-        """Keep a piece."""
+        """Write a result."""
         if self.path is not None:
             with Checkpoint(self.path, self.fingerprint, wait=WAIT) as checkpoint:
                 checkpoint.put(key, arrays, about)
 
     def arrays(self, key: str, compute: Callable[[], dict[str, Array]]) -> dict[str, Array]:
-        """Those of this key; computed and kept where there are none."""
+        """The arrays of this key; computed and written if there are none."""
         piece = self.get(key)
         if piece is not None:
             return piece.arrays
@@ -67,12 +67,12 @@ class Kept(Record):
 
 
 def finished_parts(folder: Path) -> Kept:
-    """The parts of a report: each says under which fingerprint it was computed."""
+    """The parts of a report, each stored with its own fingerprint."""
     return Kept(folder / _FINISHED, "parts of the thesis, 1")
 
 
 def cached_parts(folder: Path, maps: Path = FOLDER) -> Callable[[str], PartResult]:
-    """`attempt_part` with a cache: it reads a part of the same fingerprint from the folder, and writes what is done."""
+    """`attempt_part` with a cache: it reads parts with an unchanged fingerprint from the folder and writes new ones."""
 
     def attempt(part: str) -> PartResult:
         try:
@@ -92,7 +92,7 @@ def cached_parts(folder: Path, maps: Path = FOLDER) -> Callable[[str], PartResul
 
 
 def fingerprint(part: str, maps: Path = FOLDER) -> str:
-    """What decides the numbers of a part, as 64 hexadecimal digits; "" where its map is missing."""
+    """Fingerprint of everything that decides the numbers of a part, 64 hexadecimal digits; "" if its map is missing."""
     printed = read_part(part)
     settings = [*(path.read_text(encoding="utf-8") for path in data_files(part)), *_shipped()]
     settings.append(detail.current().name)
@@ -106,7 +106,7 @@ def fingerprint(part: str, maps: Path = FOLDER) -> str:
 
 
 def _finished_part(folder: Path, part: str, mark: str) -> PartResult | None:
-    """The finished part of this fingerprint in a report's folder, or None."""
+    """The finished part with this fingerprint in a report's folder, or None."""
     piece = finished_parts(folder).get(_key(part)) if mark else None
     if piece is None or piece.about["fingerprint"] != mark:
         return None
@@ -117,14 +117,14 @@ def _finished_part(folder: Path, part: str, mark: str) -> PartResult | None:
 
 
 def is_finished(folder: Path, part: str, maps: Path = FOLDER) -> bool:
-    """Whether a report in this folder would take the part from what is kept."""
+    """Whether a report in this folder would read the part from the cache."""
     if not (folder / _FINISHED).is_file():
         return False
     return _finished_part(folder, part, fingerprint(part, maps)) is not None
 
 
 def _key(part: str) -> str:
-    """Under which a part is kept; quick results beside the others."""
+    """Key of a part; quick results have a key of their own."""
     return part + (" quick" if detail.current().is_quick else "")
 
 

@@ -1,4 +1,4 @@
-"""S16, S17: the plants that the unit's field gives at an operating point, beside the identified ones."""
+"""S16, S17: linear plants from the unit's field at an operating point, compared with the identified plants."""
 
 from functools import cache
 from typing import Any
@@ -22,10 +22,10 @@ _REFINEMENT = 0.4
 _DEVICE = "drive_unit"
 
 
-# Not the cache of `NonlinearSolver.at`, which begins at the state that was asked for last: the numbers of these rows
-# belong to the walk from each solved state to the next, and another start moves them within the solver's tolerance.
+# The cache of `NonlinearSolver.at` would start a solve from the state that was used last. The numbers of these rows
+# come from solves that start from the last solved state; another start changes them within the solver's tolerance.
 class _SolvedOnDemand(FieldOfStates):
-    """Saturating iron at any currents: a new state begins at the one that was solved last, whatever was asked since."""
+    """Saturating iron at any currents. A solve starts from the state that was solved last."""
 
     def __init__(self, device: Device) -> None:
         self._solver = NonlinearSolver(device, _REFINEMENT)
@@ -63,7 +63,7 @@ def _linear_map(lower_z: float, upper_z: float) -> Field:
 
 @cache
 def _linear_plant(sensor_mm: float, offset_mm: float, n: float) -> MapPlant:
-    """At the lift current of linear iron; signals u (A), x_ctrl, y_ctrl."""
+    """The plant at the lift current of linear iron; signals u (A), x_ctrl, y_ctrl."""
     field = _linear_map(magnet_height(sensor_mm, 0.028), magnet_height(sensor_mm, 0.004))
     payload = as_dipole(read_device(_DEVICE))
     point = _point(sensor_mm, offset_mm)
@@ -73,7 +73,7 @@ def _linear_plant(sensor_mm: float, offset_mm: float, n: float) -> MapPlant:
 def _plant(
     field: Field, point: Array, current: float, n: float, steps: list[float] | None = None
 ) -> MapPlant:
-    """At equal currents in all coils."""
+    """The plant at equal currents in all coils."""
     currents = np.full(len(field.coil_names), current)
     signals = LiftAndDirections(n).derivative([current, 0.0, 0.0])
     return plant_from_map(
@@ -92,8 +92,8 @@ def _states(sensor_mm: float, offset_mm: float) -> Field:
 def _saturating_plant(
     sensor_mm: float, offset_mm: float, n: float, steps: tuple[float, float], current: float | None = None
 ) -> MapPlant:
-    """At equal currents in all coils, A: those that carry the payload unless given; signals u (A), x_ctrl, y_ctrl, and
-    the steps of the latter over which the forces of saturating iron are differenced."""
+    """The plant at equal currents in all coils, A; by default the lift current. Signals u (A), x_ctrl, y_ctrl. steps:
+    of x_ctrl and y_ctrl, for the differences of the force."""
     field, at = _states(sensor_mm, offset_mm), _point(sensor_mm, offset_mm)
     if current is None:
         current = lift_current(field, as_dipole(read_device(_DEVICE)), at, first=3.5).current
@@ -101,13 +101,13 @@ def _saturating_plant(
 
 
 def _plants(inputs: dict[str, Any]) -> tuple[MapPlant, MapPlant]:
-    """With linear and with saturating iron; steps are the signals of 6.4."""
+    """The plants with linear and with saturating iron; steps are the signals of 6.4."""
     at = inputs["depth_mm"], inputs["offset_mm"], inputs["n"]
     return _linear_plant(*at), _saturating_plant(*at, (inputs["x_signal"], inputs["y_signal"]))
 
 
 def vertical(inputs: dict[str, Any]) -> Answers:
-    """Product of the poles, sign of the gain and slope of the equilibrium voltage, beside (7-7) and (7-19)."""
+    """Product of the poles, sign of the gain and slope of the equilibrium voltage, for (7-7) and (7-19)."""
     by_offset = [_linear_plant(inputs["depth_mm"], each, inputs["n"]) for each in inputs["offsets_mm"]]
     linear, saturating = _plants(inputs)
     gain = inputs["amplifier_A_per_V"]
@@ -122,7 +122,7 @@ def vertical(inputs: dict[str, Any]) -> Answers:
 
 
 def _facts(**plants: MapPlant) -> dict[str, Any]:
-    """Each plant, and how many weights its currents lift."""
+    """The plants, and lift over weight at the currents of each."""
     lifts = {f"{name}_lift": 1.0 + plant.imbalance[2] for name, plant in plants.items()}
     return {"refinement": _REFINEMENT, **plants, **lifts}
 
@@ -139,7 +139,7 @@ def _volts_per_mm(plant: MapPlant, amplifier: float) -> float:
 
 
 def horizontal(inputs: dict[str, Any]) -> Answers:
-    """Products of the horizontal poles, positions at rest, and the damping that makes the identified slow poles."""
+    """Products of the horizontal poles, positions at rest, and the damping that gives the identified slow poles."""
     linear, saturating = _plants(inputs)
     at, steps = (
         (inputs["depth_mm"], inputs["offset_mm"], inputs["n"]),
@@ -159,7 +159,7 @@ def horizontal(inputs: dict[str, Any]) -> Answers:
 
 
 def _positions(plant: MapPlant, inputs: dict[str, Any]) -> list[float]:
-    """Where the signals of 6.4 bring the magnet to rest, mm: force over stiffness."""
+    """Rest positions at the signals of 6.4, mm: force over stiffness."""
     return [
         1e3 * inputs[f"{axis}_signal"] * plant.force_per_signal[i, 1 + i] / plant.stiffness[i, i]
         for i, axis in enumerate("xy")
@@ -167,7 +167,7 @@ def _positions(plant: MapPlant, inputs: dict[str, Any]) -> list[float]:
 
 
 def _damping(plant: MapPlant, inputs: dict[str, Any]) -> list[float]:
-    """That which makes the pole of the first-order models: numerator, then denominator."""
+    """Damping for x and y that gives the pole of the first-order models."""
     found = []
     for axis in AXES:
         model = inputs[f"{axis}_first_order"]

@@ -1,5 +1,5 @@
-"""What a run over parts needs and how long it takes: which are finished, which maps are missing, in what order; and the
-run itself, with progress that moves while a part is at work."""
+"""Plan of a run over parts: finished parts, missing maps, order and expected time; and the run itself, with progress
+that moves while a part is computed."""
 
 import math
 import threading
@@ -18,15 +18,15 @@ from fieldmap.thesis.report import minutes
 from fieldmap.typing import Progress
 
 MAP_SECONDS = {"division": 200.0, "division_quick": 30.0}
-"""Seconds for a map on two processors, about."""
+"""Approximate time to make a map on two processors, s."""
 COMPILATION = 240.0
-"""Seconds in which the kernels are compiled that maps and parts need, on two processors, about."""
+"""Approximate time to compile the kernels of maps and parts on two processors, s."""
 _FINISHED = 0.05
-"""Seconds in which a finished part is read."""
+"""Approximate time to read a finished part, s."""
 MOVED_EVERY = 1.0
-"""Seconds after which progress moves while a part is at work."""
+"""Period of progress updates while a part is computed, s."""
 TOLD_EVERY = 10.0
-"""Seconds after which the time that a part has taken is told anew."""
+"""Resolution of the shown time that a part has taken, s."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -39,16 +39,16 @@ class Stage(Record):
 
     @property
     def seconds(self) -> float:
-        """Expected of the whole step."""
+        """Expected time of the whole stage, s."""
         return MAP_SECONDS.get(self.recipe, 60.0) if self.recipe else sum(self.expected.values())
 
 
 @dataclass(frozen=True, repr=False)
 class Plan(Record):
-    """stages: parts without a map first, then maps, then the parts that need them. finished: parts that are kept.
+    """stages: parts without a map first, then maps, then the parts that need them. finished: number of cached parts.
 
-    left_out: maps that are missing and not asked for, with how many parts need each. compiles: whether kernels are
-    compiled on the way.
+    left_out: missing maps that will not be made -> number of parts that need each. compiles: whether the run compiles
+    kernels.
     """
 
     stages: tuple[Stage, ...]
@@ -63,17 +63,17 @@ class Plan(Record):
 
     @property
     def whole(self) -> float:
-        """Seconds of all stages, without compilation."""
+        """Expected time of all stages without compilation, s."""
         return sum(stage.seconds for stage in self.stages) or 1.0
 
     @property
     def seconds(self) -> float:
-        """Seconds that the run takes, about."""
+        """Expected time of the run, s."""
         return self.whole + (COMPILATION if self.compiles else 0.0)
 
     @property
     def text(self) -> str:
-        """One line: how much, how long, what is missing."""
+        """One line with the number of parts, the missing maps and the expected time."""
         rows = len({row_of(part) for part in self.parts})
         how = ", quick: coarse meshes" if detail.current().is_quick else ""
         said = [f"{count_of(len(self.parts), 'part', 'parts')} of {count_of(rows, 'row', 'rows')}{how}"]
@@ -89,9 +89,9 @@ class Plan(Record):
 def planned(
     parts: Sequence[str], maps: Path, make_maps: bool, report: Path | None = None, compiles: bool = False
 ) -> Plan:
-    """The plan of these parts. report: folder that keeps finished ones. compiles: whether nothing is compiled yet."""
+    """The plan of these parts. report: folder with the cache of finished parts. compiles: as in `Plan`."""
     finished = 0
-    # Of parts without a map, and of those that need one.
+    # Expected seconds of parts that need no map, and of parts that need one.
     expected: tuple[dict[str, float], dict[str, float]] = ({}, {})
     left_out: dict[Path, int] = {}
     making: dict[str, Path] = {}
@@ -121,7 +121,7 @@ def about(seconds: float) -> str:
 
 
 def computed(plan: Plan, attempt: Callable[[str], PartResult], progress: Progress) -> Iterator[PartResult]:
-    """The parts of a plan, one by one; the maps that it asks for are made before the first part that needs one."""
+    """Compute the parts of a plan, one by one. Missing maps are made before the first part that needs one."""
     begun = 0.0
     for stage in plan.stages:
 
@@ -142,9 +142,9 @@ def computed(plan: Plan, attempt: Callable[[str], PartResult], progress: Progres
 
 @contextmanager
 def moving(progress: Progress, expected: Mapping[str, float]) -> Iterator[Progress]:
-    """Progress for `attempt_rows` that moves while a part is at work, by the seconds that are expected of it.
+    """Progress for `attempt_rows` that moves while a part is computed, at the rate of its expected time.
 
-    A part that takes longer moves on ever more slowly and never passes its end.
+    The progress of a part slows down exponentially and never passes the end of the part.
     """
     whole, stopped = sum(expected.values()), threading.Event()
     at_work: list[tuple[str, float, float]] = []

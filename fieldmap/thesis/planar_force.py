@@ -16,7 +16,7 @@ from fieldmap.thesis.force_formulas import AddedError, Fit, HorizontalForce, Ver
 from fieldmap.typing import Array
 
 HALF_WIDTH = 0.15
-"""Half the width of what is fitted, m; the pole piece's is 0.17 m."""
+"""Half the width of the fitted range, m; half the pole piece is 0.17 m."""
 MIDDLE = 0.05
 """Half the width of the middle of the pole piece, m, where the forces of two electromagnets cancel."""
 DEPTHS = (0.10, 0.11, 0.12, 0.13, 0.14, 0.15)
@@ -48,7 +48,7 @@ def grid(depths: tuple[float, ...] = DEPTHS) -> tuple[Array, Array]:
 def horizontal_fit(
     depths: tuple[float, ...], a: float | None, current: float = _CURRENT
 ) -> Fit[HorizontalForce]:
-    """(4-7) fitted to the left electromagnet's computed force at a current, A, which is its nominal one."""
+    """(4-7) fitted to the left electromagnet's computed force at a current, A, which becomes the nominal current."""
     x, z = grid(depths)
     computed = force((current / _CURRENT, 0.0), x, z)[:, 0]
     return force_formulas.fit_horizontal_force(x, z, computed, current, _X0, a=a)
@@ -70,7 +70,7 @@ def added(formula: Any, currents: tuple[float, float], x: Array, z: Array) -> Ar
 def superposition_error(
     formula: HorizontalForce | VerticalForce, currents: tuple[float, float], depths: tuple[float, ...]
 ) -> AddedError:
-    """How far the added formulas are from the computed force of both electromagnets."""
+    """Error of the added formulas against the computed force of both electromagnets."""
     x, z = grid(depths)
     computed = force(currents, x, z)[:, 0 if isinstance(formula, HorizontalForce) else 1]
     middle = np.abs(x) <= MIDDLE
@@ -93,12 +93,12 @@ def constants(inputs: dict[str, Any]) -> Answers:
 
 
 def _reported(values: dict[str, float]) -> dict[str, Ours]:
-    """With what the solver reports to assume."""
+    """The values with the assumptions of the solver's report."""
     return {name: Ours(value, unit().report.assumptions) for name, value in values.items()}
 
 
 def _formula_curves(printed: HorizontalForce, fitted: HorizontalForce, depth: float) -> tuple[Curves, ...]:
-    """Figs 4-5 and 4-7: the force along x computed, with the printed constants, and with ours."""
+    """Figs 4-5 and 4-7: the computed force along x, and (4-7) with our constants and with the printed ones."""
     x = np.linspace(-HALF_WIDTH, HALF_WIDTH, 200)
     z = np.full_like(x, depth)
     figures = []
@@ -120,12 +120,12 @@ def _formula_curves(printed: HorizontalForce, fitted: HorizontalForce, depth: fl
 
 
 def superposition(inputs: dict[str, Any]) -> Answers:
-    """Two electromagnets at 3:1 (Fig. 4-7): where (4-7) + (4-8) vanish, and where the computed force does."""
+    """Two electromagnets at 3:1 (Fig. 4-7): zeros of (4-7) + (4-8) and of the computed force."""
     depth = 1e-3 * inputs["depth_mm"]
     currents = (0.5 * inputs["ratio"], 0.5)
     amperes, along = _CURRENT * np.array(currents), horizontal_fit((depth,), inputs["a_m"]).formula
     (point,) = planar.stationary_points(unit(), amperes, -depth, -HALF_WIDTH, HALF_WIDTH)
-    # Where the refitted (4-7) + (4-8) vanish, m.
+    # Zero of the refitted (4-7) + (4-8), m.
     vanishes = brentq(
         lambda x: float(added(along, currents, np.array([x]), np.array([depth]))[0]), -0.12, 0.12
     )
@@ -134,7 +134,7 @@ def superposition(inputs: dict[str, Any]) -> Answers:
     steel, below = read_device("drive_unit_a3").materials["steel"], [[0.0, -depth]]
     saturating = planar.solve_planar_state(replace(unit().device, materials={"iron": steel}), amperes)
     share = saturating.gradient(below)[0, 1, 1] / unit().gradient(below, amperes)[0, 1, 1]
-    # Of one electromagnet, of two at 1:1, and of two as here.
+    # One electromagnet, two at 1:1, and two at the ratio of Fig. 4-7.
     pairs = ((1.0, 0.0), (1.0, 1.0), currents)
     facts = {
         "saturating_share": float(share),
@@ -145,7 +145,7 @@ def superposition(inputs: dict[str, Any]) -> Answers:
 
 
 def _vertical_curves() -> list[Curves]:
-    """Figs 4-2 to 4-4: the vertical force of the left electromagnet over depth and over x; Fig. 4-6: that of both."""
+    """Figs 4-2 to 4-4: the vertical force of the left electromagnet over depth and over x; Fig. 4-6: of both."""
     z, x, formula = np.linspace(DEPTHS[0], DEPTHS[-1], 100), np.zeros(100), vertical_fit().formula
     few = np.linspace(DEPTHS[0], DEPTHS[-1], 40)
     alone = force((1.0, 0.0), np.zeros(40), few)[:, 1]

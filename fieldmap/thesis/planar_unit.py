@@ -16,32 +16,32 @@ from fieldmap.thesis.computation import Answers, Ours
 from fieldmap.typing import Array
 
 WINDOW = 0.165
-"""Half the width in which zeros are looked for, m: the pole piece's is 0.17 m."""
+"""Half the width of the search for zeros, m; half the pole piece is 0.17 m."""
 _NO_FORCE = 1e-3
-"""Of the lift: triangles are not symmetric to rounding, and the smallest real shift has 5e-2."""
+"""Horizontal forces below this share of the lift come from the asymmetric mesh; the smallest real one is 5e-2."""
 
 
 @cache
 def unit(walls: bool) -> PlanarSolution:
-    """The solved drive unit of section 2.4; in its box, or in open space."""
+    """The solved drive unit of section 2.4, in its box or in open space."""
     device = read_planar_device("planar_drive_unit")
     return planar.solve_planar(device if walls else replace(device, walls=None))
 
 
 def currents(ratio: float, nominal: float) -> Array:
-    """Currents (2,) of left and right with the ratio 1 : ratio and the sum of two nominal ones."""
+    """Currents (2,) of left and right with the ratio 1 : ratio and twice the nominal current as their sum."""
     return 2 * nominal * np.array([1.0, ratio]) / (1.0 + ratio)
 
 
 def reached_from_the_middle(solved: PlanarSolution | PlanarState, amperes: Array, z: float) -> float:
     """Stable x, m, towards which the force pushes a lifted vertical dipole from x = 0; NaN if there is none.
 
-    Where the force at x = 0 vanishes, x = 0 itself, stable or not.
+    If the force at x = 0 vanishes, the stationary point nearest to x = 0, stable or not.
     """
     return _reached(solved, tuple(map(float, amperes)), z)
 
 
-# A table and each of its figures ask for the same.
+# Cached, because a table and its figures need the same values.
 @cache
 def _reached(solved: PlanarSolution | PlanarState, of_coils: tuple[float, ...], z: float) -> float:
     amperes = np.array(of_coils)
@@ -56,12 +56,12 @@ def _reached(solved: PlanarSolution | PlanarState, of_coils: tuple[float, ...], 
 
 
 def _places() -> dict[str, PlanarSolution]:
-    """The unit in its box and in open space, by what figures call these."""
+    """The unit in its box and in open space, by their names in figures."""
     return {"box without flux": unit(True), "open space": unit(False)}
 
 
 def _in_both(compute: Callable[[PlanarSolution], dict[str, Any]]) -> dict[str, Ours]:
-    """Numbers of the unit in its box and, under names that end in _in_open_space, of the other."""
+    """Numbers of the unit in its box and, under names that end in _in_open_space, in open space."""
     numbers: dict[str, Ours] = {}
     for suffix, solved in zip(("", "_in_open_space"), _places().values(), strict=True):
         reported = solved.report.assumptions
@@ -94,7 +94,7 @@ def saturating(ratio: float, nominal: float) -> PlanarState:
     return planar.solve_planar_state(_with_curve(), currents(ratio, nominal))
 
 
-# One device for all states: its mesh is kept from one to the next.
+# One device for all states, so that they share its mesh.
 @cache
 def _with_curve() -> PlanarDevice:
     steel = read_device("drive_unit_a3").materials["steel"]
@@ -143,7 +143,7 @@ def gradients(inputs: dict[str, Any]) -> Answers:
 
 
 def zeros(inputs: dict[str, Any]) -> dict[str, Any]:
-    """How many points have no horizontal gradient, near the pole piece and farther away."""
+    """Number of points without horizontal gradient, near the pole piece and farther away."""
     solved = unit(True)
     amperes = currents(inputs["ratio"], inputs["nominal_current_A"])
     limits = 1e-3 * inputs["near_depth_mm"], 1e-3 * inputs["far_depth_mm"]
@@ -160,7 +160,7 @@ def zeros(inputs: dict[str, Any]) -> dict[str, Any]:
 def fold_depth(solved: PlanarSolution, amperes: Array, near: float, far: float) -> float:
     """Depth, m, at which a stable and an unstable point meet on the weaker side and vanish.
 
-    There dB_z/dx has an extremum of value 0; `near` and `far` are depths with three points and with one.
+    At this depth dB_z/dx has an extremum of value 0; `near` and `far` are depths with three points and with one.
     """
 
     def highest(depth: float) -> float:
@@ -178,7 +178,7 @@ def fold_depth(solved: PlanarSolution, amperes: Array, near: float, far: float) 
 
 
 class _Line(NamedTuple):
-    """One line of constant depth, m; theirs: the equilibrium that the thesis prints for it, mm, or NaN."""
+    """One line of constant depth, m; theirs: the equilibrium that the thesis prints for this line, mm, or NaN."""
 
     label: str
     amperes: Array
@@ -213,7 +213,7 @@ def _flux_density_along_x(
         series.append(Series(table, x, y, "published", points=True))
         message = ""
         if len(ours) > 1:
-            # How far the equilibrium moves from the first line to the last, and how far the table's are from ours.
+            # Motion of the equilibrium from the first line to the last, and largest error of the table.
             (first, *_, last), places = ours, np.array(list(ours.values()))
             moved, off = abs(places[-1, 0] - places[0, 0]), np.nanmax(np.abs(np.diff(places)))
             message = (

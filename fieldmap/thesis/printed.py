@@ -1,9 +1,8 @@
-"""What the thesis prints, as frozen data: the row files of printed_numbers/, with the numbers that several rows share.
+"""The printed numbers of the thesis as frozen data: the row files of printed_numbers/, and the shared numbers.
 
-A row file (S14.toml) declares a system and its parts: what is printed, its unit and place, the inputs, the function
-that computes ours, what it assumes and why it differs. numbers.toml has each number that more than one part reads,
-once, or says where geometry/measured has it; texts.toml the sentences that several parts say. README.md beside them
-describes the keys.
+A row file (S14.toml) declares a system and its parts: printed numbers with unit and place, inputs, the function that
+computes ours, its assumptions and why ours differs. numbers.toml holds, or refers to geometry/measured for, each
+number that several parts read; texts.toml holds sentences that several parts use. README.md describes the keys.
 """
 
 import re
@@ -32,8 +31,8 @@ class PrintedNumber(Record):
     """One printed number.
 
     name: "k[2]" for an entry of a table, counted from 0. text: as printed, so that its digits are kept. half_unit:
-    half a unit of its last digit (of the table's precision, where an entry is printed shorter). misprint: why it
-    cannot be right, or "".
+    half a unit of its last digit (or of the table's precision, if an entry is printed shorter). misprint: why the
+    number cannot be right, or "".
     """
 
     name: str
@@ -56,9 +55,9 @@ class PrintedPart(Record):
     """A part of a row: title, inputs by name, and names of the printed quantities -> their numbers in C order.
 
     ours: "module.function" of this package that computes them. explanations and assumptions: name of a printed
-    quantity, or "" for the part -> why ours differs, and what it rests on; templates, filled by `filled`. map: the
-    recipe whose map it needs, or "". seconds, quick_seconds: of processor time that the part takes, about, at full
-    and quick detail. figures: of the thesis, by number, that the part draws.
+    quantity, or "" for the part -> why ours differs, and our assumptions; templates for `filled`. map: recipe of the
+    map that the part needs, or "". seconds, quick_seconds: approximate processor time at full and quick detail.
+    figures: numbers of the thesis's figures that the part draws.
     """
 
     title: str
@@ -75,7 +74,7 @@ class PrintedPart(Record):
 
 @dataclass(frozen=True, repr=False)
 class PrintedRow(Record):
-    """A row: the system of the thesis, and its parts by full name in their order; without_numbers: why it has none."""
+    """A row: a system of the thesis, and its parts by full name in order. without_numbers: why there are no parts."""
 
     system: str
     parts: Mapping[str, PrintedPart]
@@ -99,7 +98,7 @@ def data_files(part: str) -> tuple[Path, ...]:
 
 @cache
 def read_rows() -> dict[str, PrintedRow]:
-    """Every row in the order of the numbers, from the files whose names are S and a number."""
+    """Every row in the order of its number, from the files S*.toml."""
     names = [path.stem for path in PRINTED_NUMBERS.glob("S*.toml")]
     return {name: _row(name) for name in sorted(names, key=lambda name: int(name[1:]))}
 
@@ -115,13 +114,13 @@ def part_names() -> list[str]:
 
 
 def row_names() -> list[str]:
-    """The rows that can be asked for, in the order of their numbers."""
+    """The rows with parts, in the order of their numbers."""
     return [name for name, row in read_rows().items() if row.parts]
 
 
 def parts_of(rows: Iterable[str]) -> list[str]:
-    """The parts of these rows, or parts by their own names, in order; all if none is given. Raises InputError for
-    names that are neither.
+    """The parts of rows, or parts by their own names, in order; all parts if no name is given. Raises InputError for
+    unknown names.
 
     >>> parts_of(["S4", "s14_table_6_2"])
     ['S4_windings', 'S4_levitation', 'S14_table_6_2']
@@ -178,7 +177,7 @@ def _content(name: str) -> dict[str, Any]:
 
 
 def _value_and_place(entry: Mapping[str, Any]) -> tuple[Any, str]:
-    """What an entry states itself, or takes from numbers.toml by `from` and the keys that choose of it."""
+    """Value and place of an entry: its own, or taken from numbers.toml by `from` and the keys that select from it."""
     if "from" not in entry:
         return entry["value"], entry["place"]
     value, place = _shared_number(entry["from"])
@@ -213,13 +212,13 @@ def _shared_number(path: str) -> tuple[Any, str]:
 
 @cache
 def _measured_file(machine: str) -> dict[str, Any]:
-    """Numbers as texts, with the digits that the file writes."""
+    """A measured file with its numbers as texts, which keeps their digits."""
     text = (shipped_folder("geometry") / "measured" / f"{machine}.toml").read_text(encoding="utf-8")
     return tomllib.loads(text, parse_float=str)
 
 
 def shared_value(path: str) -> Any:
-    """A number or array of numbers.toml, for what is not an input of one part.
+    """A number or array of numbers.toml, for code outside a part.
 
     >>> shared_value("eq_7_18.slope_A_per_mm")
     0.0343
@@ -228,7 +227,7 @@ def shared_value(path: str) -> Any:
 
 
 def _input(entry: Mapping[str, Any] | str) -> Any:
-    """A number, or an array; a text that stands by itself."""
+    """A number or an array; a text is returned as it is."""
     if isinstance(entry, str):
         return entry
     value, _ = _value_and_place(entry)
@@ -268,7 +267,7 @@ def half_unit(text: str) -> float:
 
 
 class _Filler(Formatter):
-    """`str.format` whose names may also be sentences of texts.toml, and which lists arrays entry by entry."""
+    """`str.format` with two extensions: names may be sentences of texts.toml, and arrays are listed by entry."""
 
     def get_value(self, key: int | str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> Any:
         if key not in kwargs and key in _content(TEXTS):
@@ -279,7 +278,7 @@ class _Filler(Formatter):
         if isinstance(value, list | tuple | np.ndarray) and np.ndim(value):
             return ", ".join(self.format_field(one, format_spec) for one in value)
         text = format(value, format_spec)
-        # A blank before the unit, as everywhere in these texts.
+        # A blank before the per cent sign, as in all texts of the rows.
         return text.replace("%", " %") if format_spec.endswith("%") else text
 
 
@@ -293,7 +292,7 @@ def filled(template: str, values: Mapping[str, Any]) -> str:
 
 
 def figure_numbers(title: str) -> tuple[str, ...]:
-    """Numbers of the thesis's figures that the title of a figure begins with; none where it begins with something else.
+    """Numbers of the thesis's figures at the beginning of the title of a figure, if any.
 
     >>> figure_numbers("Figs 2-9, 6-5 to 6-7: shift")
     ('2-9', '6-5', '6-6', '6-7')
@@ -310,7 +309,7 @@ def figure_numbers(title: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True, repr=False)
 class ThesisFigure(Record):
-    """One figure. number: "2-4"; shows: what it shows; drawn_by: the parts that draw it; not_drawn: why none does."""
+    """One figure. number: "2-4"; shows: its content; drawn_by: the parts that draw it; not_drawn: why none does."""
 
     number: str
     shows: str

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Draw = Callable[[Curves, Path], Any]
 Drawn = tuple[PartResult, tuple[str, ...]]
 OFTEN = 2.0
-"""Seconds after which the texts are written anew, at the earliest."""
+"""Least time between two writings of the texts, s."""
 _OF_A_NUMBER = tuple(one.name for one in fields(Comparison) if one.name not in ("id", "title", "assumptions"))
 COLUMNS = ("row", *_OF_A_NUMBER, "assumptions", "command")
 
@@ -54,7 +54,7 @@ class Row(Record):
 
     @property
     def sharp(self) -> str:
-        """How many sharp numbers agree: "5 of 5", or "" where there are none."""
+        """Number of sharp numbers that agree, "5 of 5", or "" without sharp numbers."""
         agree, of = agreeing(self.numbers)
         return f"{agree} of {of}" if of else ""
 
@@ -66,7 +66,7 @@ class Row(Record):
 
     @property
     def state(self) -> str:
-        """ "done", "failed", "no map", "partly" where some parts have numbers, or "waiting" for parts to come."""
+        """ "done", "failed", "no map", "partly" if only some parts have numbers, or "waiting" if parts are to come."""
         if self.waiting:
             return "waiting"
         states = {part.state for part, _ in self.parts}
@@ -81,7 +81,7 @@ class Row(Record):
 
     @property
     def command(self) -> str:
-        """The command line that computes this row, after those that make its maps."""
+        """The commands that make the maps of this row and compute the row."""
         option = next((part.option for part, _ in self.parts), "")
         maps = sorted({part.map for part, _ in self.parts if part.map})
         words = [*(f"map {recipe}" for recipe in maps), f"thesis {self.id}{option}"]
@@ -89,7 +89,7 @@ class Row(Record):
 
 
 def prepare_folder(folder: Path) -> None:
-    """Make the folder of a report. Raises InputError where that cannot be done, or where other files lie there."""
+    """Make the folder of a report. Raises InputError if that fails or if the report would replace other files."""
     files = {"index.html": "report", "report.md": "report", "numbers.csv": "table of numbers"}
     problems = ((folder / name, kind) for name, kind in files.items() if folder.is_dir())
     raise_all(one for path, kind in problems for one in output_problems(str(path), path, [kind]))
@@ -105,9 +105,9 @@ def write_report(
 ) -> list[PartResult]:
     """Write index.html, report.md, numbers.csv and plots/*.png, and return the results.
 
-    results: drawn and taken one by one, so a generator may compute them. draw(curves, path) saves a figure as PNG.
-    parts: all that the results will be of. With these the texts are there before the first of them, and are written
-    anew as parts are done, each file whole; without, when all is done.
+    results: used one by one, so a generator may compute them. draw(curves, path) saves a figure as PNG. parts: names
+    of all parts to come. If given, the texts are written before the first result and again as parts are done;
+    otherwise only at the end. Each file is replaced as a whole.
     """
     drawn: list[Drawn] = []
     waiting, written = dict.fromkeys(parts), time.monotonic()
@@ -127,7 +127,7 @@ def write_report(
 
 
 def _write(folder: Path, drawn: Sequence[Drawn], waiting: Sequence[str]) -> None:
-    """The texts with what is done so far; waiting: parts to come."""
+    """Write the texts with the results so far. waiting: parts to come."""
     rows = _rows(drawn, waiting)
     numbers = [number for row in rows for number in row.numbers]
     agree, sharp = agreeing(numbers)
@@ -156,7 +156,7 @@ def _write(folder: Path, drawn: Sequence[Drawn], waiting: Sequence[str]) -> None
 
 
 def _rows(drawn: Sequence[Drawn], waiting: Sequence[str]) -> list[Row]:
-    """The rows in their order, the parts of each in the order of its file, whichever was done first."""
+    """The rows in order, with the parts of each in the order of its file."""
     order = part_names()
     done = sorted(drawn, key=lambda pair: order.index(pair[0].part))
     rows = [
@@ -198,7 +198,7 @@ def minutes(seconds: float) -> str:
 
 
 def resting_on(numbers: Iterable[Comparison]) -> list[tuple[str, str]]:
-    """Each assumption once, and the names of what rests on it: "" where that is everything."""
+    """Each assumption once, with the names of the numbers that depend on it, or "" if all do."""
     users: dict[str, dict[str, None]] = {}
     every: dict[str, None] = {}
     for number in numbers:
@@ -225,7 +225,7 @@ def figure_page() -> str:
     return _environment().get_template("figures.md.j2").render(chapters=found)
 
 
-# Kept: it compiles the templates once, not for every writing of a growing page.
+# Cached, so that the templates are compiled only once.
 @cache
 def _environment() -> "Environment":
     with needs("cli", "the pages of the thesis"):

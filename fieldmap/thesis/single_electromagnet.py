@@ -1,5 +1,5 @@
-"""S3, S4, S6: magnets; the single electromagnet of section 2.3, its exact and its simplified winding, and the sphere it
-levitates; and the lumped model of levitation."""
+"""S3, S4, S6: magnets; the single electromagnet of section 2.3 with its exact and its simplified winding and its
+levitated sphere; and the lumped model of levitation."""
 
 from functools import cache
 from typing import Any
@@ -62,7 +62,7 @@ def windings(inputs: dict[str, Any]) -> dict[str, Any]:
 
 
 def levitation(inputs: dict[str, Any]) -> Answers:
-    """Where the sphere levitates; how far the two windings' fields differ (Fig. 2-4)."""
+    """Levitation depth of the sphere, and difference of the two windings' fields (Fig. 2-4)."""
     depth = 1e-3 * np.linspace(inputs["near_mm"], inputs["far_mm"], 80)
     exact, simplified = (axis_curves(name, depth)[0] for name in (EXACT, SIMPLIFIED))
     difference = np.abs(simplified / exact - 1).max()
@@ -114,7 +114,7 @@ def sphere_and_microrobot(inputs: dict[str, Any]) -> dict[str, Any]:
 
 
 def lumped_model(inputs: dict[str, Any]) -> dict[str, Any]:
-    """(2-18)..(2-22) against differences of the nonlinear equation, and against the identified plant."""
+    """(2-18)..(2-22) against finite differences of the nonlinear equation, and against the identified plant."""
     magnet = lumped_magnet_from_lift_currents(
         inputs["current_at_zero_A"], 1e3 * inputs["slope_A_per_mm"], 1e-3 * inputs["mass_g"]
     )

@@ -15,11 +15,11 @@ from fieldmap.thesis.force_formulas import AddedError, Fit, HorizontalForce
 from fieldmap.typing import Array
 
 _DEVICE, _REFINEMENT, _MU_R = "drive_unit_a3", 0.4, 4000.0
-# Electromagnets of Fig. 4-8 on the x axis, and the sides on which their formulas have their poles.
+# Electromagnets 1 and 4 of Fig. 4-8, on the x axis, by coil name; and the sides of the poles of their formulas.
 ONE, FOUR = "2", "5"
 _SIDES = {ONE: 1, FOUR: -1}
 _A = 2.2e-2
-"""What a is held at where constants of all six magnets are fitted, m; it does not change the curve at one depth."""
+"""Fixed a, m, in the fits for all six magnets; its value does not change the curve at one depth."""
 _START = (0.2, 0.01, 0.05)
 _BESIDE = (10e-3, 20e-3, 30e-3, -10e-3)
 
@@ -31,7 +31,7 @@ def unit() -> LinearSolution:
 
 
 def places(half_width: float) -> Array:
-    """x (n,) in m, 2 mm apart or a little less."""
+    """Positions x (n,), m, at a spacing of 1 mm or slightly less."""
     return np.linspace(-half_width, half_width, 2 * int(np.ceil(half_width / 2e-3)) + 1)
 
 
@@ -52,7 +52,7 @@ def _index(coil: str) -> int:
 def fitted(
     coil: str, depth: float, half_width: float, a: float, side: int, y: Array | None = None
 ) -> Fit[HorizontalForce]:
-    """(4-9) for one coil on y = 0, or with its term in |y| on lines of these y."""
+    """(4-9) fitted for one coil on y = 0, or with its term in |y| on lines of given y."""
     lines = np.zeros(1) if y is None else y
     x = np.tile(places(half_width), len(lines))
     force = np.concatenate([unit_forces(depth, half_width, float(line))[_index(coil)] for line in lines])
@@ -81,7 +81,7 @@ def line_formulas(depth: float, half_width: float) -> dict[str, Array]:
 
 
 def added_errors(depth: float, half_width: float, formula: str = HORIZONTAL) -> tuple[AddedError, ...]:
-    """One magnet (1), two (1 and 4), and all six, by a formula of `line_formulas`."""
+    """Errors for one magnet (1), two (1 and 4), and all six, with a formula of `line_formulas`."""
     x, force = places(half_width), unit_forces(depth, half_width, 0.0)
     errors = []
     for chosen in ((ONE,), (ONE, FOUR), unit().coil_names):
@@ -118,8 +118,8 @@ def constants(inputs: dict[str, Any]) -> Answers:
 def _figures(
     depth: float, half_width: float, fits: list[Fit[HorizontalForce]], plane: Fit[HorizontalForce]
 ) -> Iterator[Curves]:
-    """Electromagnets 1 and 4 on the axis, computed and by the formula; electromagnet 1 on lines of constant y; and what
-    adding fitted formulas makes of several electromagnets."""
+    """Figures of electromagnets 1 and 4 on the axis, computed and by the formula; of electromagnet 1 on lines of
+    constant y; and of the added formulas of several electromagnets."""
     x, force = places(half_width), unit_forces(depth, half_width, 0.0)
 
     def along_x(title: str, lines: dict[str, Array], remark: str = "") -> Curves:

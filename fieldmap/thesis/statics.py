@@ -1,5 +1,5 @@
-"""S11 to S13 and S15: the unit's coils, the current that levitates, how it is divided, and how far the magnet can be
-moved before a coil reaches the amplifier's limit or a place is no longer stable."""
+"""S11 to S13 and S15: the unit's coils, the levitation current, its division among the coils, and the range of the
+magnet until a coil reaches the amplifier's limit or the magnet is no longer stable."""
 
 from dataclasses import replace
 from typing import Any
@@ -31,7 +31,7 @@ VARIANTS = {
     "disk_six_cores_plate": "disk, six cores and upper plate",
 }
 REFINEMENT = 0.5
-"""Of the linear variants: their lift is within 2 % of the shipped mesh's."""
+"""Divisor of the mesh sizes of the linear variants; their lift is within 2 % of the lift on the shipped mesh."""
 
 
 @detail.cached
@@ -41,7 +41,7 @@ def linear_unit(name: str) -> LinearSolution:
 
 
 def coils(inputs: dict[str, Any]) -> Answers:
-    """Table 3-1's inductances, and the field of each coil alone and of all, linear and saturating, of every variant."""
+    """Inductances of Table 3-1; fields of each coil alone and of all coils, linear and saturating; lift of variants."""
     unit = linear_unit("drive_unit")
     numbers = {
         "on_its_core": 1e3 * _on_its_core(),
@@ -74,8 +74,8 @@ def _axis(z: Array) -> Array:
 
 
 def _coil_figures(unit: LinearSolution) -> tuple[Curves, ...]:
-    """dBz/dz over x at z_s = 10 mm, h = 15 mm, of each coil alone; on the axis B_z per ampere, linear and saturating at
-    several currents, and the lift of every variant in weights."""
+    """dBz/dz of each coil alone over x at z_s = 10 mm, h = 15 mm; B_z per ampere on the axis, linear and saturating at
+    several currents; and lift over weight of every variant."""
     x, z = np.linspace(-0.016, 0.016, 33), np.linspace(-0.130, -0.085, 46)
     at = np.column_stack([x, np.zeros_like(x), np.full_like(x, magnet_height(10.0, 0.015))])
     slopes = unit.unit_fields(at)[1][..., 2, 2]
@@ -103,8 +103,8 @@ def _coil_figures(unit: LinearSolution) -> tuple[Curves, ...]:
 
 @detail.cached
 def lift_current(z_s: float, h: float, scale: float = 1.0) -> float:
-    """Current in each coil at which the saturating unit, its force scaled, carries the microrobot on the axis, A; NaN
-    beyond 5.2 A."""
+    """Current in each coil, A, at which the saturating unit with its force scaled carries the microrobot on the axis;
+    NaN outside 1.0 to 5.2 A."""
     low, high = PANELS[0][0], PANELS[-1][-1]
     try:
         return float(brentq(lambda i: scale * lift_share(unit_rays(), z_s, h, i) - 1.0, low, high, xtol=1e-6))
@@ -154,7 +154,7 @@ def _lift_figures(inputs: dict[str, Any], currents: Array, shares: Array) -> tup
     series = [Series("measured, (7-18)", zs, np.array([thesis_lift_current(z) for z in zs]), "measured")]
     series.append(Series(f"ours, saturating, h = {inputs['offset_mm']:g} mm", zs, currents))
     for h, row in zip(hs, shares, strict=True):
-        # Where force is scaled so that (7-18) holds at the middle: the same law at every depth?
+        # A force scaled so that (7-18) holds at the middle depth shows whether the law holds at other depths.
         scale = 1.0 / row[int(np.argmin(np.abs(zs - inputs["middle_mm"])))]
         scaled = np.array([lift_current(z, h, scale) for z in zs])
         series.append(Series(f"ours, force scaled by {scale:.2f}, h = {h:g} mm", zs, scaled))
@@ -186,9 +186,9 @@ def directions(inputs: dict[str, Any]) -> dict[str, Any]:
 
 SIGNALS = np.arange(0.05, 0.551, 0.05)
 X_END = 0.45
-"""The x signal to which runs with joints go: a coil reaches the limit before."""
+"""Last x signal of runs with joints; a coil reaches its current limit before."""
 SIDES: tuple[tuple[Axis, float], ...] = (("x", 1.0), ("x", -1.0), ("y", 1.0))
-"""y < 0 mirrors y > 0."""
+"""Axes and signs of the computed sides; y < 0 mirrors y > 0."""
 
 
 def ranges(inputs: dict[str, Any]) -> Answers:
@@ -226,7 +226,7 @@ def ranges(inputs: dict[str, Any]) -> Answers:
 
 @detail.cached
 def _followed(axis: Axis, way: float, z_s: float, h: float) -> Shift:
-    """As far as the map's box goes."""
+    """The shift up to the last signal at which the magnet is inside the map's box."""
     signals = SIGNALS
     while True:
         try:
@@ -237,7 +237,7 @@ def _followed(axis: Axis, way: float, z_s: float, h: float) -> Shift:
 
 
 def _side(axis: Axis, way: float, z_s: float, h: float, limit: float, largest_y: float) -> float:
-    """Reach to one side, mm: to the signal at which a coil carries the limit."""
+    """Reach to one side, mm, up to the signal at which a coil carries the limit."""
     found = _followed(axis, way, z_s, h)
     signals, along = np.abs(found.signals), 1e3 * np.abs(found.along)
     last = float(np.interp(limit, found.largest, signals))
@@ -247,8 +247,8 @@ def _side(axis: Axis, way: float, z_s: float, h: float, limit: float, largest_y:
 
 
 def _deepest(h: float, limit: float, scaled: bool) -> float:
-    """Largest z_s, mm, at which the limit in every coil carries the weight; the force scaled so that (7-18) carries it
-    at z_s = 10 mm, or as computed."""
+    """Largest z_s, mm, at which the current limit in every coil carries the weight. scaled: whether the force is scaled
+    so that (7-18) carries the weight at z_s = 10 mm."""
     field = detail.available_map("division", outside_currents="evaluate")
     scale = 1.0 / lift_share(field, 10.0, h, thesis_lift_current(10.0)) if scaled else 1.0
     end = -1e3 * float(field.lower[2]) - 1e3 * SENSOR_ZERO_DEPTH - h - 0.01
@@ -262,7 +262,7 @@ def _deepest(h: float, limit: float, scaled: bool) -> float:
 
 
 def _checked_at_half() -> float:
-    """Distance, mm, of the equilibria at y = 0.5, u = 2.2 A, of the extrapolated map and of a solved state."""
+    """Distance, mm, between the equilibria of the extrapolated map and of a solved state at y = 0.5, u = 2.2 A."""
     currents = LiftAndDirections(1.25).currents([2.2, 0.0, 0.5])
     height = magnet_height(11.5, 1e-3 * DRAWN_H)
     window = ([-5e-3, 0.0], [5e-3, 15.9e-3])

@@ -1,5 +1,5 @@
-"""S16, S20: the identified vertical plant under its PID: closed loop, recovery from records, poles over the gain; and
-under its regulator and estimator."""
+"""S16, S20: the identified vertical plant with its PID controller (closed loop, identification from records, poles over
+the gain) and with its regulator and estimator."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,7 +21,7 @@ def identified_plant(inputs: dict[str, Any]) -> TransferFunction:
 
 
 def printed_pid(Kc: float, Ti: float, Td: float, Ts: float) -> PID:
-    """The controller of chapter 5 as its models have it: times in seconds."""
+    """The controller in the models of chapter 5, with times in seconds."""
     return PID(Kc, Ti, Td, Ts, integration="trapezoidal", acts_on_minus_error=True)
 
 
@@ -63,7 +63,7 @@ def _of_step(run: Any, final: float = 1.0) -> dict[str, float]:
 
 
 def _steps(title: str, runs: dict[str, Any], step: float, end: float) -> Curves:
-    """Answers to a step of so many mm, to the end, s."""
+    """Responses to a step of `step`, mm, until `end`, s."""
     series = []
     for name, run in runs.items():
         shown = run.time <= end
@@ -73,7 +73,7 @@ def _steps(title: str, runs: dict[str, Any], step: float, end: float) -> Curves:
 
 
 def rms_at_rest(plant: tuple, controller: Any, deviation: float) -> float:
-    """RMS of the position as the sensor shows it, at rest, with white noise of this deviation."""
+    """RMS of the measured position at rest, with white sensor noise of this standard deviation."""
     runs, samples = 50, 4000
     noise = np.random.default_rng(7).normal(scale=deviation, size=(runs, samples))
     run = control.simulate_loop(plant, controller, np.zeros(samples), runs=runs, position_noise=noise)
@@ -98,7 +98,7 @@ def recovery(inputs: dict[str, Any]) -> Answers:
 
 
 def locus(inputs: dict[str, Any]) -> Answers:
-    """Table 5-2: the poles that the thesis identified, beside those of its final model at the same gains."""
+    """Table 5-2: the poles that the thesis identified, and the poles of its final model at the same gains."""
     plant = identified_plant(inputs)
     unit = control.pid_transfer_function(1.0, inputs["Ti_s"], inputs["Td_s"], inputs["Ts_s"])
     negative = control.transfer_function(-unit.numerator, unit.denominator)
@@ -115,7 +115,7 @@ def locus(inputs: dict[str, Any]) -> Answers:
             if shown(one).any()
         ]
 
-    # Fig. 5-7: a loop is stable inside the circle.
+    # Fig. 5-7: the loop is stable if its poles are inside the circle.
     turn = np.exp(1j * np.linspace(0.0, 2 * np.pi, 200))
     circle = Series("unit circle", turn.real, turn.imag, "asked")
     whole = (circle, *branches(_ALL_GAINS, lambda q: np.abs(q) < 1.4))
@@ -140,7 +140,7 @@ def _from_to(gains: np.ndarray) -> str:
 
 
 def minutes(inputs: dict[str, Any]) -> dict[str, Any]:
-    """Table 5-2, 5.4 and Table 7-1 again, with the controller's times in minutes and a plant of Newton's form."""
+    """Table 5-2, section 5.4 and Table 7-1, with the controller's times in minutes and a plant of Newton's form."""
     fitted = _fitted_plant(inputs)
     gains, Ts = np.asarray(inputs["gains"]), inputs["Ts_s"]
     poles = np.array([_loop_poles(fitted, gain, inputs) for gain in gains])
@@ -160,14 +160,14 @@ def minutes(inputs: dict[str, Any]) -> dict[str, Any]:
 
 
 def over_records(found: dict[str, np.ndarray]) -> Answers:
-    """Mean over records of values (records, k) by name; the facts NAME_spread are the standard deviations."""
+    """Means over records of values (records, k), by name; the facts NAME_spread are standard deviations."""
     facts: dict[str, Any] = {f"{name}_spread": values.std(axis=0, ddof=1) for name, values in found.items()}
     means = {name: values.mean(axis=0) for name, values in found.items()}
     return Answers(means, facts={"records": RUNS, **facts})
 
 
 def _newtonian(plant: np.ndarray, Ts: float) -> TransferFunction:
-    """mm per V of g / (s^2 + d s - c), held input; the sign of the gain is left to the controller."""
+    """g / (s^2 + d s - c), mm per V, for a held input; the controller has the sign of the gain."""
     gain, stiffness, damping = plant
     return control.sampled(([gain], [1.0, damping, -stiffness]), Ts)
 
@@ -178,7 +178,7 @@ def _loop_poles(plant: np.ndarray, gain: float, inputs: dict[str, Any]) -> np.nd
 
 
 def _fitted_plant(inputs: dict[str, Any]) -> np.ndarray:
-    """g (mm/s^2 per V), c (1/s^2), d (1/s) by least squares over the printed poles that are not held back."""
+    """g (mm/s^2 per V), c (1/s^2), d (1/s) by least squares on the printed poles, without the held-back gains."""
     pairs = np.asarray(inputs["pair_real"]) + 1j * np.asarray(inputs["pair_imaginary"])
     third = dict(zip(inputs["third_gains"], inputs["third"], strict=True))
     scale = np.array([1e3, 1e2, 10.0])
@@ -194,12 +194,12 @@ def _fitted_plant(inputs: dict[str, Any]) -> np.ndarray:
                 found.append(poles[np.argmin(np.abs(poles - third[gain]))] - third[gain])
         return np.concatenate([np.real(found), np.imag(found)])
 
-    # Of both sides: poles are known to so few digits that differences of one side stop where they began.
+    # Central differences: with forward differences the search stops at its start values.
     return scale * minimise(misses, [1.6, 1.5, 0.0], jac="3-point").x
 
 
 def _pairs_and_third(poles: np.ndarray, gains: np.ndarray, inputs: dict[str, Any]) -> dict[str, Any]:
-    """The complex pair at every gain, and the real pole nearest to q = 1 at those where the table has one."""
+    """The complex pair at every gain, and the largest real pole at the gains where the table has one."""
     pair = np.array([p[np.argmax(p.imag)] for p in poles])
     real = [max(q.real for q in p if abs(q.imag) < 1e-9) for p in poles]
     third = [real[int(np.argmin(np.abs(gains - gain)))] for gain in inputs["third_gains"]]
@@ -231,8 +231,8 @@ def regulator_models(inputs: dict[str, Any]) -> dict[str, Any]:
 def design_of(
     model: StateSpace, Q: Any, R: float, noise: tuple[float, float], Ts: float
 ) -> tuple[StateSpace, Regulator]:
-    """(7-9) to (7-17) for a model in continuous time: the model for a held input, and its regulator with the
-    equilibrium at the reference, (7-20). noise: of the process and of the measurement."""
+    """(7-9) to (7-17) for a model in continuous time: the sampled model for a held input, and its regulator with the
+    equilibrium at the reference, (7-20). noise: intensities of the process and of the measurement."""
     wide = control.with_output_integral(model.A, model.B, model.C)
     k = control.lqrd(wide.A, wide.B, np.array(Q), R, Ts)
     estimator = control.kalmd(model.A, model.B, model.C, *noise, Ts)
@@ -246,8 +246,8 @@ def _design(model: StateSpace, inputs: dict[str, Any]) -> tuple[StateSpace, Regu
 
 
 def _riccati_sign(model: StateSpace, Q: Any, R: float) -> float:
-    """Factor of P B R^-1 B'P that the minimum's P needs: its other terms over this one, by least squares."""
-    # The sign does not depend on R; at the thesis's 1e-10 the solver of the equation has few digits left.
+    """Factor of P B R^-1 B'P in the Riccati equation of the optimal P, by least squares."""
+    # The sign does not depend on R; with the thesis's R = 1e-10 the Riccati solver loses most digits.
     weight = np.array([[1e6 * R]])
     P = scipy.linalg.solve_continuous_are(model.A, model.B, Q, weight)
     quadratic = P @ model.B @ np.linalg.solve(weight, model.B.T @ P)
@@ -256,7 +256,7 @@ def _riccati_sign(model: StateSpace, Q: Any, R: float) -> float:
 
 
 def regulator_loop(inputs: dict[str, Any]) -> Answers:
-    """The design on its own model, and with the changes that the rig needed, against Table 7-3."""
+    """The design on its own model, without and with the changes that the rig needed, for Table 7-3."""
     exact = control.controller_form(*control.continuous(identified_plant(inputs), inputs["Ts_s"]))
     sampled, at_reference = _design(exact, inputs)
     design = replace(at_reference, equilibrium_at="measured")

@@ -1,4 +1,4 @@
-"""S16: steps, binary signals and ramps of the coupled machine in the place of the rig, and Table 5-2 from them."""
+"""S16: steps, binary signals and ramps of the coupled machine instead of the rig, and Table 5-2 from these records."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -22,7 +22,7 @@ Gains = tuple[float, float, float]
 
 
 def changes_of(gains: Gains) -> dict[str, float]:
-    """Of a scenario, for a controller."""
+    """Changes of a scenario for a controller."""
     Kc, Ti, Td = gains
     return {"control.z.Kc": Kc, "control.z.Ti_s": 60.0 * Ti, "control.z.Td_s": 60.0 * Td}
 
@@ -34,11 +34,11 @@ def step_of(inputs: Mapping[str, Any], gains: Gains, depth_mm: float, by_mm: flo
 
 
 def responses(inputs: dict[str, Any], steps: Mapping[float, Readings]) -> list[Curves]:
-    """Figs 5-9 to 5-22 but for 5-11; steps: those of 8 mm, by gain."""
+    """Figs 5-9 to 5-22 except 5-11; steps: runs from 8 mm, by gain."""
     controllers: list[Gains] = [(float(Kc), float(Ti), float(Td)) for Kc, Ti, Td in inputs["controllers"]]
     before, after, both = ("preliminary model",), ("final model",), ("preliminary model", "final model")
 
-    # Tables 5-3 and 5-4, and the last one of 5.7.
+    # Models of Tables 5-3 and 5-4, and the last model of 5.7.
     first = (inputs[name] for name in ("plant_gain", "preliminary_zeros", "preliminary_poles"))
     plants: dict[str, TransferFunction] = {
         "preliminary model": from_roots(*first),
@@ -90,7 +90,7 @@ def responses(inputs: dict[str, Any], steps: Mapping[float, Readings]) -> list[C
 
 _BEGIN, _SHOWN, _SETTLED = 0.9, 1.5, 1e-2
 _REDUCED, _FULL = Orders(poles=3, zeros=1), Orders(poles=4, zeros=3)
-"""(5-15) and (5-13)."""
+"""Structures (5-15) and (5-13)."""
 
 
 def records(inputs: dict[str, Any]) -> Answers:
@@ -103,7 +103,7 @@ def records(inputs: dict[str, Any]) -> Answers:
     }
     one = _of_one_step(inputs, *next(iter(steps.items())))
     curves = (*one, _poles(inputs, pairs), *responses(inputs, steps))
-    # What the calibration at one depth leaves open.
+    # A smaller gain, which the calibration at one depth does not exclude.
     less = identified(inputs, inputs["less_gain"])[1].imag.tolist()
     numbers = {name: ours(value, *steps.values()) for name, value in found.items()}
     return Answers(numbers, curves, {"pair_of_less_gain": less})
@@ -112,7 +112,7 @@ def records(inputs: dict[str, Any]) -> Answers:
 def identified(
     inputs: dict[str, Any], share: float = 1.0
 ) -> tuple[dict[float, Readings], NDArray[np.complex128], Array]:
-    """Steps at a share of the gains of Table 5-2, and (5-15) of each record: the slowest pair, and the zero."""
+    """Steps at a share of the gains of Table 5-2, and the slowest pair and the zero of (5-15) from each record."""
     steps = {
         float(Kc): step_of(inputs, (float(share * Kc), inputs["Ti"], inputs["Td"]), 8.0, 1.0)
         for Kc in inputs["gains"]
@@ -123,21 +123,21 @@ def identified(
 
 
 def _slowest_pair(poles: NDArray[np.complex128]) -> complex:
-    """The pair nearest to q = 1, or the middle of the two poles nearest to it where all are real."""
+    """The pair of poles nearest to q = 1; for two real poles their mean."""
     slowest = poles[np.argsort(np.abs(poles - 1.0))][:2]
     return complex(slowest.real.mean(), np.abs(slowest.imag).max())
 
 
 def _around(run: Readings) -> tuple[Array, Array]:
-    """Measured and asked depth from shortly before the step, mm from where it begins."""
+    """Measured and reference depth from shortly before the step, mm, relative to the first reference."""
     rows = run.during(_BEGIN)
     begin = run.wanted[rows, DEPTH][0]
     return run.seen[rows, DEPTH] - begin, run.wanted[rows, DEPTH] - begin
 
 
 def _of_one_step(inputs: dict[str, Any], Kc: float, run: Readings) -> list[Curves]:
-    """Figs 5-2 to 5-5: what two estimators make of one step in the structure (5-13), recursive estimates of the four
-    coefficients of its denominator over time, the step itself, and what the controller puts out."""
+    """Figs 5-2 to 5-5: models of one step by two estimators in the structure (5-13), recursive estimates of the four
+    coefficients of the denominator over time, the step itself, and the output of the controller."""
     seen, wanted = _around(run)
     time, shown = run.time[run.during(_BEGIN)], slice(0, int(_SHOWN / inputs["Ts_s"]))
     models, remark = [Series("coupled machine (ours)", time[shown], seen[shown])], "Structure (5-13)."

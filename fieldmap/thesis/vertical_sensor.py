@@ -12,7 +12,7 @@ SENSOR_ZERO_DEPTH = -_UNIT.sensor_zero
 
 
 def magnet_height(sensor_mm: float, magnet_offset: float = 0.0) -> float:
-    """Height of the magnet's centre by the reading of the vertical sensor.
+    """Height of the magnet's centre from the reading of the vertical sensor.
 
     The sensor sees the top of the levitated body. Thesis section 3.3.1.
 
@@ -21,7 +21,7 @@ def magnet_height(sensor_mm: float, magnet_offset: float = 0.0) -> float:
     sensor_mm
         Reading, mm, downward.
     magnet_offset
-        How far the magnet's centre lies below the top, m.
+        Depth of the magnet's centre below the top, m.
 
     Returns
     -------
@@ -44,7 +44,7 @@ def sensor_reading(height: float, magnet_offset: float = 0.0) -> float:
     height
         z of the magnet's centre, m.
     magnet_offset
-        How far it lies below the top of the body, m.
+        Depth of the magnet's centre below the top of the body, m.
 
     Returns
     -------
@@ -62,8 +62,8 @@ def sensor_reading(height: float, magnet_offset: float = 0.0) -> float:
 def thesis_lift_current(sensor_mm: float) -> float:
     """Measured levitation current in EACH of the six electromagnets.
 
-    Thesis (7-18): amplifier current while the vertical position was under PID control; the total is six times
-    this (8-6). It is a measurement on the real unit, so it includes saturation, which a linear map does not.
+    Thesis (7-18): amplifier current under PID control of the vertical position; the total is six times this current
+    (8-6). As a measurement on the real unit it includes saturation, which a linear map does not.
 
     Parameters
     ----------

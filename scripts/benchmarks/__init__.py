@@ -1,1 +1,1 @@
-"""Sections of scripts/benchmark.py, one a file."""
+"""Sections of scripts/benchmark.py, one per file."""

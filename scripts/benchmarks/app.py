@@ -1,8 +1,8 @@
-"""What a moved slider of `fieldmap app` costs: field on three planes, force and equilibrium, and the picture of them.
+"""Cost of a moved slider of `fieldmap app`: field on three planes, force and equilibrium, and their picture.
 
-On the maps that lie in maps/out: `linear` and `quick`, and `workspace`, `division` and `saturating` of saturating iron.
-One slider at a time is moved by a tenth of its range, up or down. Milliseconds of one processor, so that a busy machine
-matters less; the picture is drawn by the processor too, off-screen, which a graphics card does faster.
+Measured on the maps in maps/out: `linear` and `quick`, and `workspace`, `division` and `saturating` of saturating iron.
+One slider at a time is moved by a tenth of its range, up or down. Times are processor milliseconds, so that a busy
+machine matters less; the processor also draws the picture, off-screen, which a graphics card does faster.
 """
 
 import time
@@ -22,7 +22,7 @@ from fieldmap.plot.rendering import can_render
 FOLDER, MAPS = Path("maps/out"), ("linear", "quick", "workspace", "division", "saturating")
 WANTED_MS = 100.0
 LIMIT = 12.0
-"""A; linear maps need more to lift than saturating ones."""
+"""Current limit, A; linear maps need more current for the lift than saturating ones."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def row(path: Path, moves: int) -> Row:
 
 
 def measure(quick: bool) -> dict[str, Any]:
-    """Every map that is there."""
+    """Measure every map that exists."""
     if not can_render():
         return {"rows": [], "missing": "no OpenGL on this machine"}
     there = [FOLDER / f"{name}.h5" for name in MAPS if (FOLDER / f"{name}.h5").is_file()]

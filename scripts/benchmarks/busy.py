@@ -1,10 +1,9 @@
-"""How much of eight local workers' time a map of saturating iron fills, and a study of as many variants as states.
+"""Utilisation of eight local workers by a map of saturating iron, and by a study with the same pieces of work.
 
-The map is made in one process, which records how long each piece of work took and the time between the calls that give
-out work. Eight processes of a scheduler of their own then sleep for these durations, call by call, through
-`fieldmap.parallel.Workers`: a machine with fewer processors than workers measures the same. busy: sum of the durations
-over workers times wall time, of the calls alone, and with the time in which the first process works by itself. The
-study has the same pieces in one call.
+The map is made in one process, which records the duration of each piece of work and the time between the calls that
+distribute work. Eight workers then sleep for these durations, call by call, through `fieldmap.parallel.Workers`, so
+that a machine with fewer processors measures the same. busy: sum of the durations over workers times wall time, for the
+calls alone, and together with the time in which the first process works alone. The study has all pieces in one call.
 """
 
 import tempfile
@@ -25,7 +24,7 @@ WORKERS = 8
 
 @dataclass
 class Call:
-    """One call that gives out work: begin and end, s, and how long its pieces took."""
+    """One call that distributes work: begin and end, s, and durations of its pieces, s."""
 
     begin: float
     end: float = 0.0
@@ -33,7 +32,7 @@ class Call:
 
 
 def recorded(recipe: str) -> tuple[list[Call], float]:
-    """The calls of a map made in one process, and its seconds."""
+    """The calls while a map is made in one process, and the total time, s."""
     calls: list[Call] = []
     mapped = Workers.map
 
@@ -55,7 +54,7 @@ def recorded(recipe: str) -> tuple[list[Call], float]:
 
 
 def replayed(workers: Workers, calls: list[list[float]]) -> float:
-    """Seconds that the workers take for pieces of these durations, call by call."""
+    """Time, s, of the workers for pieces of these durations, call by call."""
     begin = time.monotonic()
     for pieces in calls:
         workers.results(time.sleep, pieces)
@@ -63,14 +62,14 @@ def replayed(workers: Workers, calls: list[list[float]]) -> float:
 
 
 def measure(quick: bool) -> dict[str, Any]:
-    """Shares of eight workers' time."""
+    """Measure the utilisation of eight workers."""
     recipe = "division_quick" if quick else "workspace"
     calls, total = recorded(recipe)
     alone = total - sum(call.end - call.begin for call in calls)
     pieces = [call.pieces for call in calls]
     together = [duration for call in pieces for duration in call]
     with Workers(WORKERS) as workers:
-        # Processes that have only just started answer late.
+        # A first call waits for the processes to start.
         workers.results(time.sleep, [0.1] * 4 * WORKERS)
         in_calls, at_once = replayed(workers, pieces), replayed(workers, [4 * together])
     work = sum(together)

@@ -1,7 +1,7 @@
-"""Controller steps per second on one core: compiled loops with plant and instruments, and one Python call a sample.
+"""Controller steps per second on one core: compiled loops with plant and instruments, and one Python call per sample.
 
-Seconds are processor seconds, so that a busy machine matters less; medians. A step of a loop is everything that a
-sample takes: sensor, converter, controller, drive, plant. The plant is the vertical one of the thesis, (5-17).
+Times are medians of processor seconds, so that a busy machine matters less. A step of a loop includes the whole sample:
+sensor, converter, controller, drive, plant. The plant is the vertical plant of the thesis, (5-17).
 """
 
 import statistics
@@ -54,7 +54,7 @@ def rig() -> Rig:
 
 
 def ways(runs: int, samples: int) -> list[tuple[str, int, Callable[[], Any]]]:
-    """Name, number of steps, and what to time."""
+    """Name, number of steps, and function to time, for each way."""
     pid = control.PID(334.0, 0.007, 0.001, TS, integration="trapezoidal", acts_on_minus_error=True)
     step = np.full(samples, 1e-4)
     noise = draw_noise(rig(), np.random.default_rng(1), (runs, samples))
@@ -84,7 +84,7 @@ def ways(runs: int, samples: int) -> list[tuple[str, int, Callable[[], Any]]]:
 
 
 def measure(quick: bool) -> dict[str, Any]:
-    """All rows, compiled beforehand."""
+    """Measure all rows, after compilation."""
     runs, samples, repetitions = (2, 100, 1) if quick else (500, 2000, 7)
     for _, _, work in ways(1, 10):
         work()

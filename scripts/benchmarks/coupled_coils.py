@@ -1,10 +1,10 @@
-"""What a mechanical step costs with coils that the linkages of a map couple, over one with ideal drives with R and L.
+"""Cost of a mechanical step with coils coupled by the flux linkages of a map, relative to ideal drives with R and L.
 
     cd scripts && python -m benchmarks.coupled_coils [MAP]
 
-Without a map: six coils of linear iron, made up. MAP: of saturating iron; its coils begin in the middle of the domain.
-Currents sway, or stand still, where an ideal drive solves no iron. All kinds take turns, and ratios are medians over
-the turns; times are processor times.
+Without a map: six made-up coils with linear iron. MAP: of saturating iron; its currents begin in the middle of the
+domain. Currents oscillate or are constant; with constant currents an ideal drive solves no iron. All kinds take turns,
+and ratios are medians over the turns; times are processor times.
 """
 
 import sys
@@ -52,7 +52,7 @@ def main() -> None:
 
 
 def measure(of: FieldOfCurrents, place: np.ndarray, level: np.ndarray, sway: float, steps: int) -> None:
-    """A held magnet, while each control period asks for currents about a level (n,) that sway by a share of it."""
+    """Time steps with a held magnet. Commanded currents oscillate about a level (n,) by a share of it."""
     n, inductance = len(level), np.diag(of.inductance())
     ohms, amplifier = inductance / LASTING, Amplifier(1.0)
     common = {"resistance": ohms, "supply": (-1e3, 1e3)}

@@ -1,9 +1,9 @@
-"""What derivatives of a state cost beside the state: three numbers (the force on a dipole) by more and more keys.
+"""Cost of derivatives of a state relative to the state: three numbers (force on a dipole) by more and more keys.
 
-On eight coils, and on the drive unit at a coarser mesh, with linear and with saturating iron. A solve is mesh, assembly
-and solution, as it is for each variant of a device; a state is the solution alone on what is assembled. The first
-gradient of a linear solution, which assembles its mesh anew, is not counted. Wall seconds, the least of two after one
-to warm up; all in one run.
+Measured on eight coils, and on the drive unit with a coarser mesh, with linear and with saturating iron. A solve is
+mesh, assembly and solution, as for each variant of a device; a state is the solution alone on an assembled mesh. The
+first gradient of a linear solution, which assembles its mesh again, is not counted. Times are wall seconds, the least
+of two after a warm-up, all in one run.
 """
 
 import time
@@ -19,13 +19,13 @@ import fieldmap as fm
 from fieldmap.iron import DipoleForce, NonlinearSolver, SolvedState
 
 WANTED = 1.5
-"""Solves that a gradient may take."""
+"""Largest cost of a gradient, in solves."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One set of keys: seconds of a whole solve, of a state on an assembled mesh, and of the gradient; its cost in
-    solves."""
+    """One set of keys: seconds of a whole solve, of a state on an assembled mesh, and of the gradient; cost of the
+    gradient in solves."""
 
     device: str
     iron: str
@@ -48,7 +48,7 @@ def _seconds(work: Callable[[], object], repeats: int) -> float:
 
 
 def _sets(device: fm.Device) -> dict[str, list[str]]:
-    """Keys of the drive unit, as its file has them written out."""
+    """Sets of keys of a device, as in its written-out file."""
     names = device.coil_names
     currents = [f"current.{name}" for name in names]
     turns = [f"coil.{name}.turns" for name in names]

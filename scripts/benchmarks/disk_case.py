@@ -1,8 +1,8 @@
 """An iron disk at mu_r 4000 under a thick coil, its reference, and the two programs that solve it.
 
-Reference: axisymmetric finite elements good to 2e-7 (tests/reference/axisymmetric.csv, "disk,4000"). Error, the same
-for both programs: largest |B - B_reference| over the points, by the largest |B_reference|; B is the total field,
-that of the coil included, exact in both.
+Reference: axisymmetric finite elements with errors of 2e-7 (tests/reference/axisymmetric.csv, "disk,4000"). Error, the
+same for both programs: largest |B - B_reference| over the largest |B_reference| of the points. B is the total field
+with the field of the coil, which is exact in both.
 """
 
 import time
@@ -51,7 +51,7 @@ def reference() -> tuple[Array, Array, Array]:
 
 
 def relative_error(ours: Array, exact: Array) -> float:
-    """Largest length of the difference by the largest length of the exact vectors."""
+    """Largest length of the difference over the largest length of the exact vectors."""
     return float(np.linalg.norm(ours - exact, axis=1).max() / np.linalg.norm(exact, axis=1).max())
 
 
@@ -83,12 +83,12 @@ def fieldmap_row(refinement: float) -> Row:
 
 
 def material_response_row(across: int, layers: int) -> Row:
-    """magpylib-material-response, as its users do: a cuboid grid, less the cells whose centre is outside the disk.
+    """magpylib-material-response in its usual use: a cuboid grid without the cells centred outside the disk.
 
-    What is generous: the cells are stretched to the disk's true volume, the thick coil's exact field enters at the
-    cells' centres (`H_ext`; no current object in the collection, whose order would matter), and its direct solver is
-    asked for, which took half the time of "auto" here. Its default rule of point matching is better here than
-    interaction="newell", and cuboids better than the cylinder segments of its `mesh_Cylinder`.
+    The choices favour that program: the cells are scaled to the disk's true volume, the thick coil's exact field enters
+    at the cells' centres (`H_ext`; no current object in the collection, where its order would matter), and the direct
+    solver is used, which took half the time of "auto" here. Its default rule of point matching is better here than
+    interaction="newell", and cuboids are better than the cylinder segments of its `mesh_Cylinder`.
     """
     import magpylib
     from magpylib_material_response.demag import apply_demag

@@ -1,8 +1,8 @@
-"""How many times faster than it happens a levitated magnet is simulated, on one core, and a thousand runs.
+"""Speed of the simulation of a levitated magnet on one core, relative to real time, and time of a thousand runs.
 
 Closed loop in six degrees of freedom: PID every 2 ms, mechanics every 0.1 ms, coils with R and L, noise of sensors and
-currents, crossed sensors, 16-bit converter. Seconds are processor seconds, so that a busy machine matters less. The map
-is made up: six fields of coils, and for the table twenty of iron, of the drive unit's size, harmonic form.
+currents, crossed sensors, 16-bit converter. Times are processor seconds, so that a busy machine matters less. The map,
+made up in harmonic form, has the size of the drive unit: six fields of coils, and for the table twenty fields of iron.
 """
 
 import os
@@ -100,7 +100,7 @@ def fields() -> dict[str, FieldOfCurrents]:
 
 
 def machines() -> dict[str, Machine]:
-    """By name."""
+    """The machines, by name."""
     device = read_device("drive_unit")
     seeing = Sensors(SensorFrame(np.pi / 4, 0.026), deviations=(5.42e-6, 8.38e-6, 1.04e-5))
     drag = Drag((0.3, 0.3, 0.5), turning=(1e-5,) * 3)
@@ -132,7 +132,7 @@ def prepared(machine: Machine, seconds: float) -> Any:
 
 
 def measure(quick: bool) -> dict[str, Any]:
-    """Rows, and the thousand runs (a tenth of them if quick, and the time for a thousand from it)."""
+    """Rows, and a thousand runs (if quick, a hundred runs and the extrapolated time of a thousand)."""
     rows = []
     seconds, count = 5.0, 2 if quick else 10
     for name, machine in machines().items():

@@ -1,9 +1,9 @@
-"""Making maps: points times coils per second, gradients included, beside magpylib's getB for the same coils.
+"""Speed of making maps: points times coils per second, gradients included, compared with magpylib's getB.
 
-Processor seconds on one thread, medians, so that a busy machine matters less. The coils are those of the drive unit, at
-nodes of its workspace. magpylib has no coil of rectangular section: nested magnetised shells stand for it, and
-"difference" says how far that is from ours, the largest |B - B_ours| over the largest |B|. The last rows are whole
-maps: the field of the coils and of the iron at the nodes, and with it the file (solving the iron is not in them).
+Times are medians of processor seconds on one thread, so that a busy machine matters less. The coils are the coils of
+the drive unit, the points nodes of its workspace. magpylib has no coil of rectangular section; nested magnetised shells
+replace it, and "difference" is the largest |B - B_ours| over the largest |B|. The last rows are whole maps: the field
+of the coils and of the iron at the nodes, without and with the file, and without the solution of the iron.
 """
 
 import statistics
@@ -32,8 +32,8 @@ WANTED = 10.0
 
 @dataclass(frozen=True)
 class Row:
-    """One way to a field; rate: points times coils per second; difference: of B from ours, relative; ratio: of our rate
-    with gradients to this one."""
+    """One way to compute a field; rate: points times coils per second; difference: of B from ours, relative; ratio: our
+    rate with gradients over this rate."""
 
     what: str
     gives: str
@@ -67,7 +67,7 @@ def seconds(work: Callable[[], Any], repetitions: int) -> float:
 
 
 def coil_rows(device: Device, points: Array, repetitions: int, fewer: int) -> list[Row]:
-    """Coils alone: ours with and without gradients, magpylib's with more and more shells."""
+    """Coils without iron: ours with and without gradients, magpylib's with more and more shells."""
     coils, work = device.coils, len(points) * len(device.coils)
     field = work / seconds(lambda: unit_flux_densities(coils, points), repetitions)
     both = work / seconds(
@@ -116,7 +116,7 @@ def map_rows(name: str, refinement: float, points: int, repetitions: int) -> lis
 
 
 def measure(quick: bool) -> dict[str, Any]:
-    """All rows; the machine's other threads are given back."""
+    """All rows, on one thread; the number of threads is restored."""
     points, fewer, repetitions = (100, 20, 1) if quick else (20_000, 1000, 3)
     threads = thread_count()
     use_threads(1)

@@ -1,4 +1,4 @@
-"""Error against seconds and against unknowns, this solver beside magpylib-material-response, on one iron disk."""
+"""Error over seconds and over unknowns of this solver and of magpylib-material-response, on one iron disk."""
 
 import sys
 from dataclasses import asdict
@@ -13,13 +13,13 @@ from benchmarks.disk_case import Row, fieldmap_row, material_response_row
 
 Array = NDArray[np.float64]
 REFINEMENTS = (0.5, 0.7, 0.85, 1.0, 1.4)
-# Cells across and layers, in the order in which its error falls fastest with time.
+# Cells across and layers of the other program, in the order in which its error falls fastest with time.
 GRIDS = ((24, 2), (24, 3), (24, 4), (24, 6), (32, 6))
 TARGET = 1e-3
 
 
 def measure(quick: bool) -> dict[str, Any]:
-    """Rows of both programs, and what follows from them. One solve first, so that nothing is compiled on the clock."""
+    """Rows of both programs, and their comparison. A first solve compiles all kernels, outside the timing."""
     fieldmap_row(REFINEMENTS[0])
     ours = [fieldmap_row(r) for r in REFINEMENTS[: 2 if quick else None]]
     theirs, note = [], ""
@@ -40,8 +40,8 @@ def measure(quick: bool) -> dict[str, Any]:
 
 
 def seconds_at(rows: list[Row], error: float) -> tuple[float, float]:
-    """Wall and processor seconds at an error, straight lines between the rows in log-log; the coarsest mesh's where
-    that is better than asked, NaN where no mesh is good enough."""
+    """Wall and processor seconds at an error, by log-log interpolation between rows; the coarsest mesh's if its error
+    is smaller, NaN if all errors are larger."""
     if not rows or min(row.field_error for row in rows) > error:
         return float("nan"), float("nan")
     ordered = sorted(rows, key=lambda row: row.field_error)
@@ -58,7 +58,7 @@ def slope(rows: list[Row]) -> float:
 
 
 def comparison(ours: list[Row], theirs: list[Row]) -> list[str]:
-    """The ratio of times at each error that they reach, and at the target: measured, or extrapolated and said so."""
+    """Ratios of times at each error that the other program reaches, and at the target, measured or extrapolated."""
     lines = []
     for row in theirs:
         wall, cpu = seconds_at(ours, row.field_error)

@@ -1,7 +1,7 @@
-"""The source kernels beside magpylib's getB, on the same points, on one thread.
+"""The source kernels compared with magpylib's getB, on the same points, on one thread.
 
-Times are medians. "difference" is the largest |B - B_magpylib| / |B_magpylib| over the points. A coil of rectangular
-section has no counterpart in magpylib: eight nested shells stand for it.
+Times are medians. "difference" is the largest |B - B_magpylib| / |B_magpylib| over the points. magpylib has no coil of
+rectangular section; eight nested shells replace it.
 """
 
 import statistics
@@ -142,7 +142,7 @@ def measured(case: Case, repetitions: int) -> Row:
 
 
 def measure(quick: bool) -> dict[str, Any]:
-    """All rows; the machine's other threads are given back."""
+    """All rows, on one thread; the number of threads is restored."""
     points, repetitions = (300, 1) if quick else (50_000, 9)
     threads = thread_count()
     use_threads(1)

@@ -1,11 +1,11 @@
-"""Looking a field up in a map, beside other libraries: same points, same grid, same field.
+"""Lookup of a field in a map, compared with other libraries: same points, same grid, same field.
 
 Six circular loops (radius 16 mm, centres on a ring of 44 mm at z = 26 mm) with 1 A each; 17 x 17 x 17 nodes over
 |x|, |y| <= 20 mm, -110 mm <= z <= -70 mm. Errors are the largest difference from the closed form over all points, in
-units of the largest component; a third of the points lies in the outermost layer of cells. One thread and processor
-seconds, medians, but for the gain by two threads, which is of elapsed time. The global form is judged with a seventh
-loop over the workspace of the drive unit (z from -140 to -76 mm, nodes 4 mm apart), and there with all loops at
-z = 1 mm too, where the drive unit has iron.
+units of the largest component; a third of the points lies in the outermost layer of cells. Times are medians of
+processor seconds on one thread; the gain by two threads is of elapsed time. The global form is tested with a seventh
+loop over the workspace of the drive unit (z from -140 to -76 mm, nodes 4 mm apart), and there also with all loops at
+z = 1 mm, where the drive unit has iron.
 """
 
 import statistics
@@ -82,9 +82,9 @@ def cpu_ns(work: Callable[[], object], count: int, repetitions: int) -> float:
 def one_ns(
     ask: Callable[..., object], points: list[Array], others: tuple[Any, ...], repetitions: int
 ) -> float:
-    """One call a point, with at most one more argument, written out: a starred call costs a tenth of a lookup.
+    """Time of one call per point, with at most one more argument.
 
-    Every result is dropped before the next call, as in a loop that uses it.
+    The two loops are written out, because a starred call costs a tenth of a lookup.
     """
 
     def alone() -> None:
@@ -144,7 +144,7 @@ def our_row(m: FieldMap, points: Array, exact: tuple[Array, Array], repetitions:
 
 
 def peer_row(peer: Any, points: Array, exact: tuple[Array, Array], repetitions: int) -> dict[str, Any]:
-    """Times and errors of another library, as far as it goes."""
+    """Times and errors of another library, for the functions that it has."""
     some, thin = [point.copy() for point in points[:300]], points[:20_000].copy()
     row = {
         "name": peer.name,
@@ -159,8 +159,8 @@ def peer_row(peer: Any, points: Array, exact: tuple[Array, Array], repetitions: 
 
 
 def inverse_row(data: MapData, count: int) -> dict[str, float]:
-    """Time of one call of `currents_for`, from Python: the force on a dipole within limits, six coils; and the
-    largest relative error of the force that the currents found give."""
+    """Time of one call of `currents_for` from Python, for a force on a dipole, six coils and limits; and the largest
+    relative error of the force at the currents found."""
     m = interpolate(data, threads=1)
     rng = np.random.default_rng(4)
     where, moment = places(count), np.array([0.0, 0.0, 1.0])
@@ -180,7 +180,7 @@ def inverse_row(data: MapData, count: int) -> dict[str, float]:
 
 
 def global_rows(count: int) -> list[dict[str, Any]]:
-    """The global form of seven coils, sources at their place and close to the disk's lower face."""
+    """The global form of seven coils, with the loops at their own height and close to the disk's lower face."""
     rows = []
     points = WORKSPACE.lower + np.random.default_rng(2).random((count, 3)) * (
         WORKSPACE.upper - WORKSPACE.lower

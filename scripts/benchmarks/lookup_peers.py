@@ -1,6 +1,6 @@
-"""Other libraries' interpolants on the same grid and field: what each offers, behind one face.
+"""Interpolants of other libraries on the same grid and field, with one common interface.
 
-Only those that are installed take part (the extra `bench`); the others are named as missing.
+Libraries of the extra `bench` that are not installed are reported as missing.
 """
 
 from collections.abc import Callable
@@ -122,7 +122,7 @@ MAKERS = {
 
 
 def peers(grid: Grid, flux: Array, exact: Callable[[Array], Array]) -> tuple[list[Peer], dict[str, str]]:
-    """Those that can be used, and why the others cannot."""
+    """The usable libraries, and why the others are not usable."""
     found, missing = [], {}
     for name, make in MAKERS.items():
         try:

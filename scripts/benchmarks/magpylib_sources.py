@@ -1,8 +1,8 @@
-"""Fields of the package as magpylib sources: getB of the source and a magnet beside `field` itself; and currents and
-magnets of magpylib's kinds, by the code that computes them here beside magpylib's.
+"""Fields of the package as magpylib sources, where getB of the source and a magnet is compared with `field`; and
+currents and magnets of magpylib's kinds, where our code is compared with magpylib's.
 
-Processor time, all threads together. "difference" is the largest of the source's B from `field`, relative to its
-largest; of the moved source, which is also turned, from `field` at points moved back.
+Times are processor times of all threads together. "difference" is the largest difference of the source's B from
+`field`, relative to the largest B. A moved and turned source is compared with `field` at points moved back.
 """
 
 import tempfile
@@ -54,7 +54,7 @@ def best(function: Callable[[], object], repetitions: int) -> float:
 
 
 def measured(name: str, source: Any, field: Any, points: Array, repetitions: int) -> Row:
-    """One field, as itself and in magpylib. source: as a magpylib source; field: at the same currents."""
+    """Measure one field, by itself and in magpylib. source: the magpylib source; field: at the same currents."""
     magnet = magpylib.magnet.Cuboid(
         polarization=(0, 0, 1.0), dimension=(0.01, 0.01, 0.01), position=(0.2, 0.0, 0.0)
     )
@@ -97,7 +97,7 @@ class KindRow:
 
 
 def kinds(points: Array, repetitions: int) -> list[KindRow]:
-    """Currents and magnets of all kinds, in the frame in which they stand."""
+    """Currents and magnets of all kinds, each in its own position and orientation."""
     magnet, current = magpylib.magnet, magpylib.current
     square = [[0, 0, 0], [0.02, 0, 0], [0.02, 0.02, 0], [0, 0.02, 0], [0, 0, 0]]
     strip = [[0.02 * (k // 2), 0.01 * (k % 2), 0] for k in range(6)]

@@ -1,8 +1,8 @@
-"""How many samples a second a controller of one's own takes: Python, numba and C beside the shipped PID, and by hand.
+"""Samples per second of a user's own controller in Python, numba and C, of the shipped PID, and of a loop by hand.
 
-The machine of `benchmarks.dynamics`, linear iron, six coils, noise and windings; one PID on the height in all forms.
-Twice: mechanics of 0.1 ms at a period of 2 ms, where the mechanics takes the time, and one mechanical step a sample.
-Seconds are processor seconds, the least of several runs, in which the forms take turns.
+The machine is that of `benchmarks.dynamics`: linear iron, six coils, noise and windings; all forms are one PID on the
+height. Measured twice: with mechanical steps of 0.1 ms at a period of 2 ms, where the mechanics dominates, and with one
+mechanical step per sample. Times are processor seconds, the least of several runs, in which the forms take turns.
 """
 
 import ctypes
@@ -38,7 +38,7 @@ KC, TI, TD = 0.334, 0.42, 0.06
 
 @dataclass(frozen=True)
 class Row:
-    """One form of the controller: samples per second at 20 mechanical steps a sample and at one."""
+    """One form of the controller: samples per second with 20 mechanical steps per sample and with one."""
 
     what: str
     samples_per_second: float
@@ -105,7 +105,7 @@ def forms(output: float, at: np.ndarray, ts: float, folder: Path) -> dict[str, A
 def seconds_per_sample(
     machine: Any, rest: Any, ts: float, samples: int, repeats: int, folder: Path
 ) -> dict[str, float]:
-    """Of each form, the best of some runs."""
+    """Processor seconds per sample of each form, the least of some runs."""
     schedule = Schedule(np.tile(rest.sensed, (samples, 1)), ts, 1e-4, delay=0.0)
     at = np.concatenate([rest.sensed, rest.sensed, [1.0]])
     found = forms(float(rest.outputs[0]), at, ts, folder)

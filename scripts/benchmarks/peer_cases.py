@@ -1,13 +1,13 @@
 """The published validation cases of magpylib-material-response, and a cube of known polarizability: error over time.
 
-- cuboids: three magnets of susceptibility 0.3 to 1; soft magnet: a magnet beside a cube of mu_r 4000. Both are
-  validated there against finite elements (ANSYS), whose numbers come with that package. Truth here: both forms of this
-  package on fine meshes, which agree within what `tests/reference/peer_cases.csv` states.
+- cuboids: three magnets of susceptibility 0.3 to 1; soft magnet: a magnet beside a cube of mu_r 4000. That package
+  validates both against finite elements (ANSYS) and includes the numbers. Reference here: both forms of this package on
+  fine meshes, which agree within the differences stated in `tests/reference/peer_cases.csv`.
 - cube: mean magnetisation of a cube of mu_r 1e6 in a uniform field, polarizability 3.644305190268 (Helsing and Perfekt,
   Appl. Comput. Harmon. Anal. 34, 2013).
 
-Errors: largest |B - B_truth| over the points by the largest |B_truth|; of the cube, of its polarizability.
-`python scripts/benchmarks/peer_cases.py` writes the truth anew (five minutes).
+Errors: largest |B - B_truth| over the largest |B_truth| of the points; for the cube, of the polarizability.
+`python scripts/benchmarks/peer_cases.py` computes the reference again (five minutes).
 """
 
 import sys
@@ -29,7 +29,7 @@ from benchmarks.disk_case import Array, relative_error, timed
 TRUTH = Path(__file__).parents[2] / "tests" / "reference" / "peer_cases.csv"
 POLARIZABILITY = 3.644305190268
 MM = 1e-3
-# Largest element and first layer at edges, in parts of the smallest side.
+# Largest element and first layer at edges, as shares of the smallest side.
 MESHES = ((0.5, None), (0.5, 0.1), (0.4, 0.05), (0.3, 0.02), (0.25, 0.01))
 TRUTH_MESHES = ((0.25, 0.01), (0.16, 0.003))
 CELLS = (1, 8, 64, 216, 512)
@@ -65,7 +65,7 @@ def cuboids() -> magpylib.Collection:
 
 
 def soft_magnet() -> magpylib.Collection:
-    """A magnet beside a soft cube that stands on its edge."""
+    """A magnet beside a soft cube standing on its edge."""
     hard = magpylib.magnet.Cuboid(
         polarization=(0, 0, 1), dimension=(MM, MM, 2 * MM), position=(0, 0, 0.5 * MM)
     )
@@ -82,7 +82,7 @@ def _responding(*magnets: tuple[Any, float]) -> magpylib.Collection:
 
 @dataclass(frozen=True)
 class Case:
-    """A model with points on lines along x, the data set of finite elements and every how many of its points count."""
+    """A model, lines of points along x, and the data set of finite elements, of which every `every`-th point counts."""
 
     name: str
     model: Callable[[], magpylib.Collection]
@@ -92,7 +92,7 @@ class Case:
 
     @property
     def all_points(self) -> Array:
-        """Of the data set (n, 3), m."""
+        """All points of the data set (n, 3), m."""
         lines = [
             np.column_stack([np.linspace(start, end, count), np.zeros(count), np.full(count, z)])
             for start, end, count, z in self.lines
@@ -101,7 +101,7 @@ class Case:
 
     @property
     def points(self) -> Array:
-        """Those that are compared."""
+        """The compared points (n, 3), m."""
         return self.all_points[:: self.every]
 
 
@@ -121,7 +121,7 @@ CASES = (
 
 
 def device_of(case: Case, size: float, layer: float | None) -> fm.Device:
-    """In this package: mesh sizes in parts of a millimetre."""
+    """The model as a device of this package. size, layer: mesh size and first layer, mm."""
     device = fm.Device.from_magpylib(case.model(), mesh_size=size * MM)
     edge = None if layer is None else layer * MM
     return device.replace(bodies=[replace(body, edge_size=edge) for body in device.bodies])
@@ -134,7 +134,7 @@ def our_field(case: Case, size: float, layer: float | None, form: str = "auto") 
 
 
 def their_field(case: Case, cells: int) -> tuple[Array, int]:
-    """B (n, 3) of magpylib-material-response with about so many cells in each cuboid."""
+    """B (n, 3) of magpylib-material-response with about `cells` cells in each cuboid."""
     from magpylib_material_response.demag import apply_demag
     from magpylib_material_response.meshing import mesh_all
 
@@ -187,13 +187,13 @@ def finite_elements(case: Case) -> Array | None:
     values = get_dataset(case.dataset)["results"][0]["value"]
     count = len(case.all_points)
     columns = [np.asarray(values.get(f"B{axis}", np.zeros(count)), float) for axis in "xyz"]
-    # In the data set the lines take turns.
+    # The data set interleaves the points of the lines.
     in_turn = np.column_stack(columns).reshape(-1, len(case.lines), 3)
     return in_turn.transpose(1, 0, 2).reshape(-1, 3)[:: case.every]
 
 
 def write_truth() -> None:
-    """Means of both forms on the finest mesh, and how far they and the mesh before differ, into the table."""
+    """Write means of both forms on the finest mesh, and their differences from each other and from the coarser mesh."""
     lines = [
         "# B at points of two validation cases of magpylib-material-response (scripts/benchmarks/peer_cases.py):",
         "# means of the potential and the flux form of this package on fine meshes. case, x, y, z (m), Bx, By, Bz (T).",
@@ -222,7 +222,7 @@ def write_truth() -> None:
 
 
 def measure(quick: bool) -> dict[str, Any]:
-    """Rows of both programs for every case. One small solve of each first, so that nothing is compiled on the clock."""
+    """Rows of both programs for every case. Small first solves compile everything, outside the timing."""
     other = other_program()
     meshes, cells = (MESHES[:2], CELLS[:2]) if quick else (MESHES, CELLS)
     for mesh in MESHES[:2]:
@@ -261,7 +261,7 @@ def measure(quick: bool) -> dict[str, Any]:
 
 
 def other_program() -> str:
-    """Name and version of the other program; "" where it is not installed."""
+    """Name and version of the other program; "" if it is not installed."""
     try:
         import magpylib_material_response
     except ModuleNotFoundError:

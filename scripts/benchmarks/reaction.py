@@ -1,7 +1,7 @@
-"""What the iron's reaction to magnets costs: maps with it beside maps without, and one wrench on a dipole.
+"""Cost of the iron's reaction to magnets: maps with and without the reaction, and one wrench on a dipole.
 
-Maps of linear iron, whose solves for single dipoles add to few solves for coils; one of them at the mesh of the device,
-one coarse. Processor seconds of the map, and of a wrench by the C core from Python; the least of three.
+Maps of linear iron, where solves for single dipoles are added to few solves for coils, on the mesh of the device and on
+a coarse one. Times are processor seconds of the map and of a wrench by the C core from Python, the least of three.
 """
 
 import time
@@ -19,7 +19,7 @@ import fieldmap as fm
 from fieldmap.lookup import FieldMap
 
 WANTED = {"map": 1.5, "coarse map": 2.0, "wrench": 2.0}
-"""How many times as much with it may cost."""
+"""Largest ratio of times with and without the reaction."""
 _CASES = {
     "drive_unit": (5e-3, 1.0),
     "drive_unit, coarse": (5e-3, 0.4),
@@ -32,7 +32,7 @@ _CALLS = 5000
 
 @dataclass(frozen=True)
 class Row:
-    """Seconds of a map and of a wrench without and with the reaction, and its fields."""
+    """Seconds of a map and of a wrench without and with the reaction, and number of fields of the reaction."""
 
     device: str
     fields: int
@@ -69,7 +69,7 @@ def _row(case: str, folder: Path) -> Row:
 
         return _least(calls, 7) / _CALLS
 
-    # The first map compiles.
+    # The first map compiles the kernels.
     make(True)
     without, found = _least(lambda: make(False)), _least(lambda: make(True))
     opened = fm.open_map(path)

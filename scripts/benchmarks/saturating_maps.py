@@ -1,10 +1,10 @@
-"""What a map of saturating iron costs at run time: new currents, their derivatives, one wrench, currents for a force.
+"""Run-time cost of a map of saturating iron: new currents, their derivatives, one wrench, currents for a force.
 
-On the maps `eight_coils` and `workspace` (the drive unit) in maps/out. New currents anywhere in the domain, each from
-nothing, and along a path of which 400 steps go round the domain once; all to the tolerance of compiled callers, and
-beside them how far fields are from those of solves to 1e-10. A wrench at one point, and by way of the arrays; currents
-for a force without a start, and from those of a force 2 % less. Microseconds of one processor, the least of several
-runs.
+Measured on the maps `eight_coils` and `workspace` (the drive unit) in maps/out. New currents are anywhere in the
+domain, solved from zero, or along a path that goes round the domain once in 400 steps. All are solved to the tolerance
+of compiled callers, and their fields are compared with fields of solves to 1e-10. A wrench at one point is computed
+directly, and from arrays of field and gradient; currents for a force are found without a start, and from the currents
+of a force 2 % smaller. Times are processor microseconds, the least of several runs.
 """
 
 import time
@@ -32,8 +32,8 @@ EXACT = 1e-10
 
 @dataclass(frozen=True)
 class Row:
-    """us of one call; off: largest difference of the fields from those of exact solves, relative to the largest, None
-    where nothing is compared."""
+    """us: time of one call; off: largest difference of the fields from those of exact solves, relative to the largest,
+    None without comparison."""
 
     map: str
     what: str
@@ -53,7 +53,7 @@ class Solves:
         self.slopes = np.empty((len(self.weights), self.coils))
 
     def at(self, currents: np.ndarray, slopes: bool, fresh: bool) -> np.ndarray:
-        """The weights, or their derivatives; from nothing or from the currents of before."""
+        """The weights, or their derivatives; solved from zero (fresh) or from the last currents."""
         by_currents = self.slopes if slopes else None
         self.state.solve(currents, self.weights, by_currents, tolerance=self.tolerance, fresh=fresh)
         found = self.slopes if slopes else self.weights
@@ -81,7 +81,7 @@ def rows_of(path: Path, quick: bool) -> list[Row]:
     angles = 2.0 * np.pi * (np.arange(count)[:, None] / 400.0 * (1.0 + np.arange(d) % 3) + np.arange(d) / d)
     path_of = list(domain.at(0.5 + 0.35 * np.sin(angles)))
     solves, exact = Solves(m), Solves(m, EXACT)
-    # Of the iron at some points: weights alone may differ where their fields are small.
+    # Fields of the iron at some points are compared, not weights, which may differ where their fields are small.
     points = np.random.default_rng(3).uniform(m.lower, m.upper, (30, 3))
     flux = np.empty((30, solves.coils + solves.fields, 3))
     m._evaluator.each_field(points, flux, np.empty((*flux.shape, 3)))
@@ -109,7 +109,7 @@ def rows_of(path: Path, quick: bool) -> list[Row]:
 
 
 def _wrench(m: FieldMap, name: str, repeats: int) -> list[Row]:
-    """At one point after another, the currents the same."""
+    """Wrenches at one point after another, at constant currents."""
     assert m.info.reduced_model is not None
     currents = m.info.reduced_model.domain.middle
     points = list(np.random.default_rng(2).uniform(m.lower, m.upper, (1000, 3)))
@@ -124,7 +124,7 @@ def _wrench(m: FieldMap, name: str, repeats: int) -> list[Row]:
 
 
 def _currents_for(m: FieldMap, name: str, known: list[np.ndarray], repeats: int) -> list[Row]:
-    """A force that known currents give, and 2 % more: from nothing, and from these currents. Of free currents only."""
+    """Currents for a force 2 % larger than at known currents, from zero and from these. Independent currents only."""
     if not isinstance(m.parametrisation, IndependentCurrents):
         return []
     point, asked = 0.5 * (m.lower + m.upper), []
@@ -148,7 +148,7 @@ def _currents_for(m: FieldMap, name: str, known: list[np.ndarray], repeats: int)
 
 
 def measure(quick: bool) -> dict[str, Any]:
-    """Every map that is there."""
+    """Measure every map that exists."""
     there = [FOLDER / f"{name}.h5" for name in MAPS if (FOLDER / f"{name}.h5").is_file()]
     missing = [name for name in MAPS if FOLDER / f"{name}.h5" not in there]
     rows = [asdict(row) for path in there for row in rows_of(path, quick)]

@@ -1,12 +1,12 @@
-"""What passes through client and scheduler when many pieces of work share an object: bytes, pickles, seconds.
+"""Traffic through client and scheduler when many pieces of work share an object: bytes, pickles, seconds.
 
-Two processes of this machine do the work; client and scheduler are this process, whose sockets are counted: what the
-client sends to the scheduler counts twice, once on each side. Each way has at most 16 pieces under way:
+Two processes of this machine do the work. Client and scheduler are this process, and its sockets are counted, so bytes
+from the client to the scheduler count twice. Each way has at most 16 unfinished pieces:
 
-- in each task: the object is an argument of every piece, as a plain `client.submit` does it.
-- scattered: `client.scatter(broadcast=True)`, then a future in its place.
-- fieldmap: `fieldmap.parallel.Workers.map`, which submits it once; dask's workers hand it on, and one that comes later
-  gets it as well.
+- in each task: the object is an argument of every piece, as in a plain `client.submit`.
+- scattered: `client.scatter(broadcast=True)`, then a future instead of the object.
+- fieldmap: `fieldmap.parallel.Workers.map`, which submits the object once; dask's workers pass it on, also to workers
+  that join later.
 """
 
 import itertools
@@ -41,13 +41,13 @@ class Shared:
 
 
 def piece(shared: Shared, item: int) -> float:
-    """A piece of work that takes next to no time."""
+    """A piece of work that takes hardly any time."""
     return float(shared.data[item % len(shared.data)])
 
 
 @contextmanager
 def counted() -> Iterator[list[int]]:
-    """Bytes that this process reads from its sockets and writes to them in the block."""
+    """Count the bytes that this process reads from its sockets and writes to them in the block."""
     read, write, found = IOStream.read_from_fd, IOStream.write_to_fd, [0]
 
     def reads(stream: IOStream, buffer: Any) -> int | None:
@@ -68,7 +68,7 @@ def counted() -> Iterator[list[int]]:
 
 
 def by_client(client: Client, argument: Any, pieces: int) -> list[float]:
-    """All pieces with this argument, at most `UNDER_WAY` at a time."""
+    """Submit all pieces with this argument, at most `UNDER_WAY` at a time."""
     waiting, found = iter(range(pieces)), []
     first = [client.submit(piece, argument, k, pure=False) for k in itertools.islice(waiting, UNDER_WAY)]
     done = as_completed(first, loop=client.loop)

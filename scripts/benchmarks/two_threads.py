@@ -1,8 +1,8 @@
-"""What a second thread is worth to looking up, told apart from what the machine's second processor is worth.
+"""Gain of lookups by a second thread, separated from the gain of the machine's second processor.
 
 The processors of a virtual machine may be two halves of one core of its host at one moment and two cores at the next.
-Arithmetic that never leaves the registers tells which: on one core two copies of it take twice as long as one, on two
-cores no longer. It runs before and after every call on two threads, and the calls are sorted by it.
+Arithmetic in registers shows which: two copies take twice as long as one on one core, and just as long on two cores.
+The arithmetic runs before and after every call on two threads, and the calls are classified by its result.
 """
 
 import time
@@ -38,14 +38,14 @@ def arithmetic(steps: int) -> float:
 
 
 def elapsed(work: Work) -> float:
-    """Seconds of the clock on the wall."""
+    """Wall seconds of the work."""
     begin = time.perf_counter()
     work()
     return time.perf_counter() - begin
 
 
 class Processors:
-    """What two processors are worth to arithmetic at this moment: 2 on cores of their own, 1 on one core."""
+    """Gain of arithmetic by two processors at this moment: 2 on two cores, 1 on one core."""
 
     def __init__(self, callers: ThreadPoolExecutor) -> None:
         arithmetic(1)
@@ -53,19 +53,19 @@ class Processors:
         self.alone = min(elapsed(lambda: arithmetic(STEPS)) for _ in range(20))
 
     def worth(self) -> float:
-        """Two copies of the arithmetic at once beside one."""
+        """Speed of two copies of the arithmetic at once, relative to one copy."""
         return 2 * self.alone / elapsed(lambda: list(self.callers.map(arithmetic, [STEPS, STEPS])))
 
     def timed(self, work: Work) -> tuple[float, float, float]:
-        """Seconds of the work, and the smaller and the larger of the processors' worth before and after it."""
+        """Seconds of the work, and the smaller and the larger gain of the processors before and after the work."""
         before, seconds, after = self.worth(), elapsed(work), self.worth()
         return seconds, min(before, after), max(before, after)
 
 
 def threads_gain(data: MapData, points: Array, rounds: int = ROUNDS) -> dict[str, Any]:
-    """How much sooner field and gradient at the points are done on two threads than on one ("threads"), and by two
-    callers that share nothing, with half of the points each ("callers"): medians over all calls ("all"), over those
-    with both processors on cores of their own ("own") and on one core ("one"), with their numbers. None: no such call.
+    """Speed-up of field and gradient at the points by two threads ("threads"), and by two callers that share nothing
+    and take half of the points each ("callers"). Medians over all calls ("all"), over calls with the processors on two
+    cores ("own") and on one core ("one"), with the number of calls. None: no such call.
     """
     count = len(points)
     out = (np.empty((count, 3)), np.empty((count, 3, 3)))
@@ -93,7 +93,7 @@ def threads_gain(data: MapData, points: Array, rounds: int = ROUNDS) -> dict[str
 
 
 def gains(single: float, calls: Array) -> dict[str, Any]:
-    """Of rows of seconds, smaller and larger worth of the processors."""
+    """Speed-ups from rows of seconds, smaller and larger gain of the processors."""
     seconds, smaller, larger = calls.T
     kinds = {"all": smaller > 0, "own": smaller >= OWN_CORES, "one": larger <= ONE_CORE}
     return {
@@ -106,7 +106,7 @@ def gains(single: float, calls: Array) -> dict[str, Any]:
 
 
 def sentences(result: dict[str, Any]) -> list[str]:
-    """The result for people."""
+    """The result in sentences."""
     names = {"threads": "two threads", "callers": "two callers that share nothing"}
     where = {
         "own": "with both processors on cores of their own",

@@ -1,9 +1,9 @@
-"""Write the signatures into docs/api, for those who read the pages in a checkout: a comment above each entry, which the
-site, where mkdocstrings writes them, does not show.
+"""Write signatures into docs/api, as a comment above each entry, for readers of the pages in a checkout. The site does
+not show these comments, because mkdocstrings writes the signatures there.
 
     python scripts/dev/api_signatures.py
 
-Names and defaults only; units and types are in the docstrings. A test holds the pages to this program.
+Names and defaults only; units and types are in the docstrings. A test checks that the pages are up to date.
 """
 
 import inspect
@@ -30,7 +30,7 @@ def with_signatures(page: str) -> str:
 
 
 def signatures(name: str) -> Iterator[str]:
-    """Of a function; of a class and its own public methods; of nothing else."""
+    """Signatures of a function, or of a class and its own public methods; none for anything else."""
     found, short = _named(name), name.rpartition(".")[2]
     if inspect.isclass(found):
         if not issubclass(found, BaseException) and not getattr(found, "_is_protocol", False):
@@ -64,7 +64,7 @@ def _lines(name: str, function: Callable[..., Any], drop: bool = False) -> Itera
     given = list(signature.parameters.values())[int(drop) :]
     plain = [one.replace(annotation=inspect.Parameter.empty, default=_default(one.default)) for one in given]
     text = str(signature.replace(parameters=plain, return_annotation=inspect.Signature.empty))
-    # A comment ends with these.
+    # "-->" would end the comment.
     words = f"{name}{text}".replace("-->", "->").split(", ")
     line = words[0]
     for word in words[1:]:
@@ -77,7 +77,7 @@ def _lines(name: str, function: Callable[..., Any], drop: bool = False) -> Itera
 
 
 class _Words:
-    """A default that is shown by a word: the text of an object may hold its address, or be long."""
+    """A default that is shown as a word, because the text of an object may be long or contain its address."""
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -95,7 +95,7 @@ def _default(value: Any) -> Any:
 
 
 def main() -> None:
-    """Write every page anew."""
+    """Write every page again."""
     for path in sorted(FOLDER.glob("*.md")):
         text = path.read_text(encoding="utf-8")
         if (new := with_signatures(text)) != text:

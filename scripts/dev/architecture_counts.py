@@ -1,4 +1,4 @@
-"""How is the package built? Counts of its files, lines, imports and tests, for a table or as JSON.
+"""Count files, lines, imports and tests of the package, for a table or as JSON.
 
     python scripts/dev/architecture_counts.py                          # this checkout
     python scripts/dev/architecture_counts.py --package ../before      # another one
@@ -6,17 +6,17 @@
 
 How each figure is counted:
 
-- lines: a line belongs to the code if a token other than a comment or a docstring stands on it. Lines of docstrings
-  (of modules, classes and functions, and texts below a name) and of comments are counted apart, blank ones too.
+- lines: a line is code if it holds a token other than a comment or a docstring. Lines of docstrings (of modules,
+  classes and functions, and texts below a name), comment lines and blank lines are counted separately.
 - small files: at most 60 lines in all.
 - one importer: a module that exactly one other module of the package imports, at its top or inside a function.
   `__init__.py` counts neither as importer, since it only passes names on, nor as imported. `same folder`: the importer
-  lies beside it. `untested`: no test and no script imports it either.
-- import circles: groups of modules that import each other, directly or by a detour. Imports inside functions and
-  those for type checking count; the figure without them is given too.
-- thesis: files (of Python) in which the word stands, whatever its case.
+  is in the same folder. `untested`: no test and no script imports the module either.
+- import circles: groups of modules that import each other, directly or through others. Imports inside functions and
+  for type checking count; the figure without them is given too.
+- thesis: Python files that contain the word, in upper or lower case.
 - prose: an `assert`, or a `match=` of pytest.raises or pytest.warns, that holds a literal text of three words or more
-  and is not the message of the assert. A word is two letters or more.
+  and is not the message of the assert. A word has two letters or more.
 """
 
 import argparse
@@ -39,7 +39,7 @@ from scipy.sparse.csgraph import connected_components
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = 60
 _BY_NAME = ("import_module", "__import__", "require", "import_modules")
-# They import what these functions are given: the calls count.
+# Functions of these modules import modules by name; calls of the functions count as imports.
 _GIVEN = ("fieldmap.extras", "fieldmap.extensions")
 PROSE = 3
 
@@ -56,7 +56,7 @@ class Module:
 
 @dataclass(frozen=True)
 class Lines:
-    """How many lines are what; the sum is the length of the files."""
+    """Numbers of lines of each kind; their sum is the length of the files."""
 
     code: int
     docstrings: int
@@ -97,7 +97,7 @@ def modules(root: Path) -> dict[str, Module]:
 
 @contextmanager
 def _all_kept() -> Iterator[None]:
-    """Without the collector of circles, which would look through a million nodes of trees, for half of the time."""
+    """Context without the garbage collector, which would take half of the time on a million nodes of syntax trees."""
     collecting = gc.isenabled()
     gc.disable()
     try:
@@ -108,7 +108,7 @@ def _all_kept() -> Iterator[None]:
 
 
 def imports(package: dict[str, Module], lazy: bool = True) -> dict[str, set[str]]:
-    """Module -> modules of the package that it imports; without `lazy` only what runs when it is imported."""
+    """Module -> modules of the package that it imports; without `lazy` only imports that run on its own import."""
     graph: dict[str, set[str]] = {name: set() for name in package}
     for name, module in package.items():
         for node in _import_nodes(module.tree, lazy):
@@ -117,10 +117,10 @@ def imports(package: dict[str, Module], lazy: bool = True) -> dict[str, set[str]
 
 
 def imports_by_name(module: Module) -> Iterator[str]:
-    """What `import_module`, `__import__`, `require` of extras and `import_modules` of extensions are given: a name, or
-    how it begins and "*"; "*" where that is not known.
+    """Arguments of `import_module`, `__import__`, `require` of extras and `import_modules` of extensions: a name, or
+    its beginning and "*"; "*" if unknown.
 
-    A table of the module, as of names that are imported on first use, counts with all its values.
+    A table of the module, such as the names that are imported on first use, counts with all its values.
     """
     if module.name in _GIVEN:
         return
@@ -147,7 +147,7 @@ def imports_by_name(module: Module) -> Iterator[str]:
             yield f"{package}.*" if own else f"{first.value}*" if isinstance(first, ast.Constant) else "*"
         elif isinstance(given, ast.Subscript) and _last_name(given.value) in tables:
             yield from tables[_last_name(given.value)]
-        elif _last_name(node.func) != "require":  # a word that other functions have as well
+        elif _last_name(node.func) != "require":  # other functions have this name, too
             yield "*"
 
 
@@ -162,7 +162,7 @@ def by_packages(package: dict[str, Module]) -> dict[str, set[str]]:
             graph[_package_of(module)] |= {
                 _package_of(package[other]) for other in package if pattern.fullmatch(other)
             }
-    # Nobody imports `fieldmap` itself; it names all packages, for users.
+    # `fieldmap` itself names all packages, for users, and is imported by none.
     return {name: targets - {name, "__init__"} for name, targets in graph.items() if name != "__init__"}
 
 
@@ -228,7 +228,7 @@ def lines_of(module: Module) -> Lines:
 
 
 def _docstring_lines(tree: ast.Module) -> Iterator[int]:
-    """Lines of texts that stand as statements of their own."""
+    """Lines of texts that are statements."""
     for node in ast.walk(tree):
         if (
             isinstance(node, ast.Expr)
@@ -291,12 +291,12 @@ def array_definitions(package: dict[str, Module]) -> int:
 
 
 def by_package(package: dict[str, Module], pattern: str) -> dict[str, int]:
-    """Package -> number of its files in which the pattern stands, whatever its case."""
+    """Package -> number of its files that contain the pattern, in upper or lower case."""
     return _tally(module for module in package.values() if re.search(pattern, module.text, re.IGNORECASE))
 
 
 def uses_of_any(package: dict[str, Module]) -> dict[str, int]:
-    """Package -> how often its annotations and casts say Any."""
+    """Package -> number of Any in its annotations and casts."""
     found: dict[str, int] = defaultdict(int)
     for module in package.values():
         uses = sum(isinstance(node, ast.Name) and node.id == "Any" for node in ast.walk(module.tree))
@@ -376,7 +376,7 @@ def count(root: Path) -> Counts:
 
 
 def table(counts: Counts) -> Iterator[str]:
-    """Lines for people; packages with their figures after the sums."""
+    """Lines of the table: the sums, then the figures of each package."""
     lines = counts.lines
     total = lines.code + lines.docstrings + lines.comments + lines.blank
     yield f"{counts.files:6d} Python files in the package"

@@ -1,7 +1,7 @@
-"""Compiles the C core when the package is installed from a checkout or a wheel is built. hatchling runs this.
+"""Build hook of hatchling, which compiles the C core for an installation from a checkout or for a wheel.
 
-For another system than this one, which scripts/dev/wheels.py asks for, FIELDMAP_TARGET names machine and system, as in
-aarch64-darwin, and FIELDMAP_TARGET_FILES the folder with its headers (`compile_libraries`).
+scripts/dev/wheels.py compiles for other systems: FIELDMAP_TARGET names machine and system, such as aarch64-darwin, and
+FIELDMAP_TARGET_FILES the folder with the headers of that system (`compile_libraries`).
 """
 
 import os
@@ -14,14 +14,14 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 
 class CoreHook(BuildHookInterface):  # type: ignore[type-arg]
-    """See `fieldmap.core.compile`, of which everything here comes."""
+    """Hook that calls `fieldmap.core.compile`."""
 
     def dependencies(self) -> list[str]:
         """A compiler, unless the user names one."""
         return [] if os.environ.get("CC") else [self._core()["COMPILER"]]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Compile, and put the libraries into the wheel, which is then one for this kind of machine."""
+        """Compile, and put the libraries into the wheel, which becomes a wheel for this kind of machine."""
         core = self._core()
         target = os.environ.get("FIELDMAP_TARGET", f"{core['machine']()}-{sys.platform}")
         machine, system = target.split("-")

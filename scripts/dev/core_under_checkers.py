@@ -1,10 +1,10 @@
-"""Run the tests of the C core, and of what stands on it, under checkers of memory and undefined behaviour.
+"""Run the tests of the C core, and of the modules that use it, under checkers of memory and undefined behaviour.
 
     python scripts/dev/core_under_checkers.py [--quick]
 
 In a copy of the working tree the core is compiled by gcc with AddressSanitizer and UndefinedBehaviorSanitizer, and the
-tests run on it; --quick: tests/core alone. Then valgrind, where it is installed, runs some of tests/core on a plain
-build: it sees numbers that are read before they are written. The exit code is 1 if anything is found.
+tests run on it; --quick: tests/core alone. Then valgrind, if installed, runs some of tests/core on a plain build and
+finds reads of uninitialised values. The exit code is 1 if anything is found.
 """
 
 import argparse
@@ -22,7 +22,7 @@ SANITIZERS = "gcc -fsanitize=address,undefined -fno-sanitize-recover=undefined -
 
 
 def copied(folder: Path) -> Path:
-    """What git knows of the working tree."""
+    """Copy the files of the working tree that git tracks."""
     names = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True).stdout
     for name in names.decode().split("\0"):
         source, target = ROOT / name, folder / name
@@ -33,7 +33,7 @@ def copied(folder: Path) -> Path:
 
 
 def compiled(folder: Path, compiler: str) -> None:
-    """The core of a tree, by a compiler with options."""
+    """Compile the core of a tree by a compiler with options."""
     command = [sys.executable, "fieldmap/core/compile.py"]
     subprocess.run(
         command, cwd=folder, env=os.environ | {"CC": compiler}, check=True, stdout=subprocess.DEVNULL
@@ -49,7 +49,7 @@ def run(folder: Path, before: list[str], tests: tuple[str, ...], **environment: 
 
 
 def sanitized(folder: Path, tests: tuple[str, ...]) -> int:
-    """Tests on a core that checks itself."""
+    """Run tests on a core compiled with sanitizers."""
     compiled(folder, SANITIZERS)
     libraries = [
         subprocess.run(
@@ -57,12 +57,12 @@ def sanitized(folder: Path, tests: tuple[str, ...]) -> int:
         ).stdout.strip()
         for name in ("asan", "ubsan")
     ]
-    # Python itself keeps memory to its end.
+    # Python itself does not free all memory at its end.
     return run(folder, [], tests, LD_PRELOAD=" ".join(libraries), ASAN_OPTIONS="detect_leaks=0")
 
 
 def under_valgrind(folder: Path) -> int:
-    """How many errors valgrind finds with the core on the stack."""
+    """Number of errors that valgrind finds with the core on the stack."""
     compiled(folder, "gcc -g -O1")
     log = folder / "valgrind.log"
     code = run(
@@ -79,7 +79,7 @@ def under_valgrind(folder: Path) -> int:
 
 
 def main() -> int:
-    """All of them."""
+    """Run all checkers."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,7 +1,7 @@
-"""For the site: a picture that has a dark variant beside it, NAME_dark.png, is followed by that one.
+"""Hook of mkdocs: a picture with a dark variant NAME_dark.png in its folder is followed by that variant.
 
-The theme shows the one of both that fits (`#only-light`, `#only-dark`). Pages name the light one alone, so that they
-read well elsewhere.
+The theme shows the one that fits (`#only-light`, `#only-dark`). Pages name the light picture only, so that they read
+well elsewhere.
 """
 
 import re
@@ -17,7 +17,7 @@ def on_page_content(html: str, *, page: Any, config: Any, **_: Any) -> str:
 
 
 def with_dark_pictures(html: str, folder: Path) -> str:
-    """html: of a page in `folder`."""
+    """The HTML of a page in `folder`, with the dark variants of its pictures."""
 
     def both(found: re.Match[str]) -> str:
         before, name, after, end = found.groups()

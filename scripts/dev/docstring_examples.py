@@ -1,8 +1,8 @@
-"""Extension of the API reference: lines of a docstring that begin with >>> become code blocks, and types stand alone.
+"""Extension of the API reference: doctest examples become code blocks, and annotated types are shown as plain types.
 
 The docstrings are plain prose with doctest examples at their end; Markdown alone would read ">>>" as a quotation.
-Doctest flags are left out. Of `Annotated[float, Key(...)]` readers want the type; how a file states the field stands on
-the pages of keys. Loaded by mkdocs.yml.
+Doctest flags are left out. `Annotated[float, Key(...)]` is shown as the type alone; the pages of keys describe the key
+of the field in files. Loaded by mkdocs.yml.
 """
 
 import re
@@ -35,10 +35,10 @@ class DocstringExamples(griffe.Extension):
 
 
 def plain_type(annotation: Any, package: griffe.Module) -> Any:
-    """The type in an `Annotated[...]` or in a name that stands for one; any other annotation as it is."""
+    """The type in an `Annotated[...]` or in an alias of one; any other annotation unchanged."""
     meant = annotation
     if isinstance(annotation, griffe.ExprName | griffe.ExprAttribute):
-        # What is no attribute of the package, such as a library's class, stays.
+        # Names outside the package, such as a library's class, stay.
         with suppress(KeyError, AttributeError, griffe.AliasResolutionError):
             meant = package[annotation.canonical_path.removeprefix(f"{package.name}.")].value  # type: ignore[union-attr]
     if isinstance(meant, griffe.ExprSubscript) and meant.canonical_path == "typing.Annotated":

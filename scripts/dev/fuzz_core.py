@@ -1,12 +1,12 @@
-"""Fuzz what opens map files in the C core: damaged maps, bred by coverage, opened and asked under sanitizers.
+"""Fuzz the reader of map files in the C core: maps mutated by coverage are opened and evaluated under sanitizers.
 
     python scripts/dev/fuzz_core.py [--minutes 10] [--corpus FOLDER] [--findings FOLDER]
 
-Small maps of each kind that files hold are the seeds: harmonic, global, clamped, with a background, and saturating.
-fuzz/open_map.c opens the files that libFuzzer makes of them (fieldmap.h and fieldmap_iron.h), and asks each accepted
-one for everything that a map gives. clang (Debian: clang) builds it with Address- and UndefinedBehaviorSanitizer.
---corpus keeps what was bred, and goes on from there. The exit code is 1 if anything is found: a crash, a report of a
-sanitizer, or an input that takes more than ten seconds. The input then lies in the folder of findings.
+Small maps of each kind of file are the seeds: harmonic, global, clamped, with a background, and saturating.
+fuzz/open_map.c opens the files that libFuzzer makes of the seeds (fieldmap.h and fieldmap_iron.h), and evaluates each
+accepted file completely. clang (Debian: clang) builds it with Address- and UndefinedBehaviorSanitizer. --corpus keeps
+the corpus, and a later run continues with it. The exit code is 1 if anything is found: a crash, a report of a
+sanitizer, or an input that takes more than ten seconds. The input is then in the folder of findings.
 """
 
 import argparse
@@ -41,7 +41,7 @@ POINTS, MODES = 5, 2
 
 @dataclass(frozen=True)
 class Figures:
-    """What a run did, and the inputs that it failed at."""
+    """Statistics of a run, and the inputs with findings."""
 
     executions: int
     seconds: int
@@ -53,7 +53,7 @@ class Figures:
 
 
 def main() -> int:
-    """Seeds, the build, the run."""
+    """Make the seeds, build and run."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -80,14 +80,14 @@ def main() -> int:
 
 
 def built(program: Path, core: Path) -> Path:
-    """The fuzz target on the headers of a folder."""
+    """Build the fuzz target with the headers of a folder."""
     command = ["clang", "-std=c99", *SANITIZERS, "-I", str(core), str(TARGET), "-lm", "-o", str(program)]
     subprocess.run(command, check=True)
     return program
 
 
 def fuzzed(program: Path, seeds: Path, corpus: Path, findings: Path, seconds: float) -> Figures:
-    """Run for so long, or until something is found."""
+    """Run for `seconds`, or until something is found."""
     corpus.mkdir(parents=True, exist_ok=True)
     findings.mkdir(parents=True, exist_ok=True)
     before = set(findings.iterdir())
@@ -135,7 +135,7 @@ def seeds(folder: Path) -> Path:
     write_c_map(interpolate(one), folder / "one_coil.fmap")
     write_c_map(interpolate(two, outside="clamp").at(np.array([2.0, -1.0])), folder / "clamped.fmap")
     write_c_map(interpolate(linear_fields(2, background=True)), folder / "background.fmap")
-    # Files do not hold Hermite forms; the kind is one that readers must refuse.
+    # Files must not hold Hermite forms; readers must refuse this kind.
     hermite = interpolate(one, "hermite")
     (folder / "hermite").write_bytes(map_bytes(unit_block(hermite), hermite.coil_names, False))
     division = LiftAndDirections(1.25, 2.0)
@@ -150,7 +150,7 @@ def seeds(folder: Path) -> Path:
 
 
 def linear_fields(coils: int, background: bool = False, model: ReducedModel | None = None) -> MapData:
-    """Fields that are linear in the position, of so many coils, of a model's iron and of a background."""
+    """Fields that are linear in the position: of coils, of a model's iron and of a background."""
     fields = coils + (0 if model is None else len(model.output)) + background
     grid = Grid([-0.01, -0.01, -0.02], [0.01, 0.01, 0.02], (2, 2, 3))
     slopes = np.linspace(1.0, 2.0, fields)[:, None, None] * np.diag([-1.0, -1.0, 2.0])

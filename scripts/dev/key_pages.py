@@ -2,8 +2,8 @@
 
     python scripts/dev/key_pages.py
 
-Type, unit, default and meaning come from the schema; the example from a shipped file, a page or a test that has the
-key, or else from the default or the first choice. A test holds the pages to this program.
+Type, unit, default and meaning come from the schema. The example comes from a shipped file, a page or a test that has
+the key, or else from the default or the first choice. A test checks that the pages are up to date.
 """
 
 import re
@@ -43,7 +43,7 @@ ABOUT = {
     "fit": "[A machine's unknown numbers](../fit_machine.md) explains what is fitted to what.",
     "scenario": "[Simulation](../dynamics.md) explains what a run is.",
 }
-# Tables of a kind of file that have a page of their own, by the outermost key; no page is longer than ten screens.
+# Tables with a page of their own, by kind of file and outermost key; no page is longer than ten screens.
 PARTS: dict[str, dict[str, tuple[str, ...]]] = {
     "device": {
         "coils": ("coil", "background"),
@@ -53,11 +53,11 @@ PARTS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "scenario": {"control": ("control",)},
 }
-# Of keys that say nothing of their unit: their last part, the longest that is a unit. A_per_m ends in m as well.
+# Unit of a key without a stated unit: the longest ending that is a unit, because A_per_m also ends in m.
 UNIT = re.compile(r"(?:^|_)(" + "|".join(sorted((*UNITS, "A_mm2"), key=len, reverse=True)) + r")$")
 FACES = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
 CORNERS = [[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 10]]
-# By meaning, for keys that no file, page or test has. A meaning that changes asks for its example anew.
+# Examples by meaning, for keys that no file, page or test has. A changed meaning needs a new entry.
 EXAMPLES: dict[str, Any] = {
     "[[i, j, k], ...] numbers of corners from 0, counter-clockwise from outside": FACES,
     "[x, y, z] of the centre of its lower face": [0.0, 0.0, -110.0],
@@ -122,13 +122,13 @@ EXAMPLES: dict[str, Any] = {
 }  # fmt: skip
 
 
-# For any other such key: the first that it takes.
+# Examples for other keys without one: the first value that the reader accepts.
 USUAL: tuple[Any, ...] = (10.0, 1, 0.5, "name", [10.0, 20.0], [10.0, 20.0, 5.0], CORNERS)
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One of the tables that may stand at a place. tag: by which it is chosen, empty where there is no choice."""
+    """One of the tables allowed at a place. tag: value that selects it, empty without a choice."""
 
     tag: str
     model: type[BaseModel]
@@ -136,7 +136,7 @@ class Variant:
 
 @dataclass(frozen=True)
 class Place:
-    """A table of the file. title: as its heading; path: keys that lead there, `*` for entries of a list or names."""
+    """A table of the file. title: its heading; path: keys that lead to it, `*` for names."""
 
     title: str
     path: tuple[str, ...]
@@ -146,16 +146,16 @@ class Place:
 
 @dataclass
 class Examples:
-    """Values that files give to keys: by model and key."""
+    """Values of keys in files, by model and key."""
 
     values: dict[tuple[type[BaseModel], str], list[Any]] = field(default_factory=dict)
 
     def add(self, model: type[BaseModel], key: str, value: Any) -> None:
-        """A value of a key of a table."""
+        """Add a value of a key of a table."""
         self.values.setdefault((model, key), []).append(value)
 
     def of(self, model: type[BaseModel], key: str) -> Any:
-        """The value that is shortest when it is written; of this table, or of one that shares the key."""
+        """The value with the shortest text, from this table or from another table with the same key and type."""
         found = list(self.values.get((model, key), []))
         about = model.model_fields[key]
         if not found:
@@ -163,13 +163,13 @@ class Examples:
                 shared = other.model_fields.get(key) if name == key else None
                 if shared is not None and shared.annotation == about.annotation:
                     found += values
-        # The shortest first: what a value is taken for takes most of the time.
+        # Sorted first, because the check whether a value fits takes most of the time.
         found.sort(key=lambda value: (len(toml(value)), toml(value)))
         return next((value for value in found if fits(about, value)), None)
 
 
 def fits(about: FieldInfo, value: Any) -> bool:
-    """Would the reader take this value for the key?"""
+    """Whether the reader accepts this value for the key."""
     try:
         TypeAdapter(
             Annotated[about.annotation, *about.metadata] if about.metadata else about.annotation
@@ -201,7 +201,7 @@ def toml_key(key: str) -> str:
 
 
 def variants_of(annotation: Any, metadata: tuple[Any, ...] = ()) -> tuple[tuple[Variant, ...], Any]:
-    """The tables that a value may be, and what chooses among them; none for a value that is no table."""
+    """The tables that a value may be, and the discriminator that selects one; none for a value that is not a table."""
     if get_origin(annotation) is Annotated:
         inner, *more = get_args(annotation)
         return variants_of(inner, (*metadata, *more))
@@ -235,7 +235,7 @@ def form(annotation: Any) -> str:
 
 
 def places(root: type[BaseModel]) -> list[Place]:
-    """All tables of a file, outer ones first; tables that stand at several places once, under all their titles."""
+    """All tables of a file, outer tables first. A table allowed at several places appears once, with all titles."""
     found = [Place("Top level", (), "", (Variant("", root),))]
     for place in found:
         for variant in place.variants:
@@ -281,7 +281,7 @@ def collect(examples: Examples, model: type[BaseModel], data: Any) -> None:
 
 
 def sources(kind: FileKind[Any]) -> Iterator[Document]:
-    """Shipped files, files of the tests, and blocks of the pages, that are of a kind."""
+    """Shipped files, files of the tests, and blocks of the pages, of one kind of file."""
     files = sorted(shipped_folder(kind.folder).rglob("*.toml")) + sorted((ROOT / "tests").rglob("*.toml"))
     documents = [Document(path, text := path.read_text(), tomllib.loads(text)) for path in files]
     for page in sorted((ROOT / "docs").rglob("*.md")):
@@ -294,7 +294,7 @@ def sources(kind: FileKind[Any]) -> Iterator[Document]:
         try:
             prepared = kind.prepared(document)
         except Exception:
-            # Of another kind, or a piece of a file.
+            # The document is of another kind, or a piece of a file.
             prepared = document
         if (
             prepared.data.keys() & (MARKS[kind.name].keys | {"format"})
@@ -357,7 +357,7 @@ def unit_of(key: str, model: type[BaseModel] | None = None) -> str:
 
 
 def default_text(about: FieldInfo) -> str:
-    """What holds without an entry."""
+    """Text of the value without an entry."""
     if about.is_required():
         return REQUIRED
     value = about.get_default(call_default_factory=True)
@@ -397,7 +397,7 @@ HEAD = "| key | type | unit | default | meaning | example |\n|---|---|---|---|--
 
 
 def cell(text: str) -> str:
-    """Text that may stand in a cell of a table."""
+    """A text escaped for a cell of a table."""
     return text.replace("|", "\\|").replace("\n", " ")
 
 
@@ -432,7 +432,7 @@ def table_text(rows: Mapping[str, Row]) -> str:
 
 
 def place_text(place: Place, examples: Examples, told: dict[frozenset[Row], str]) -> str:
-    """The section of one table: keys that all its variants have, then those of each."""
+    """The section of one table: keys of all variants, then keys of each variant."""
     every = [rows_of(variant.model, examples) for variant in place.variants]
     shared = common_rows(place, every)
     lines = [f"## `{place.title}`" if place.path else f"## {place.title}"]
@@ -468,7 +468,7 @@ def common_rows(place: Place, every: list[dict[str, Row]]) -> dict[str, Row]:
 
 
 def chosen_text(place: Place, variant: Variant, rows: Mapping[str, Row]) -> str:
-    """How this variant is written."""
+    """How this variant is selected in a file."""
     kind = rows[place.key][1] if place.key in rows else ""
     if re.fullmatch(r"`[^`]*`", kind):
         value = kind.strip("`")
@@ -478,7 +478,7 @@ def chosen_text(place: Place, variant: Variant, rows: Mapping[str, Row]) -> str:
 
 
 def short_forms_text() -> str:
-    """Keys of device files that are gone once the file is read: copies, mirrors, files that a file begins with."""
+    """Keys of device files that reading expands: copies, mirrors, base files."""
 
     def row(key: str, what: str, unit: str, default: str, meaning: str, example: str) -> str:
         return "| " + " | ".join((f"`{key}`", what, unit, default, cell(meaning), f"`{example}`")) + " |"
@@ -504,7 +504,7 @@ def short_forms_text() -> str:
 
 
 def pages_of(kind: FileKind[Any]) -> dict[str, str]:
-    """The pages of one kind of file, by their names: the first has the tables that no other page has."""
+    """The pages of one kind of file, by name. The first page has the tables that no other page has."""
     examples = Examples()
     for document in sources(kind):
         collect(examples, kind.schema, document.data)

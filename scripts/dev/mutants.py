@@ -1,18 +1,18 @@
 """Plant errors in a copy of the package and see whether the tests catch them. `make mutants`.
 
     python scripts/dev/mutants.py --planted                     # the errors of scripts/dev/planted_errors.toml
-    python scripts/dev/mutants.py lookup levitation --count 25  # as many of Cosmic Ray's mutants of these packages
-    python scripts/dev/mutants.py lookup --count 25 --again     # and those once more that no test caught
-    python scripts/dev/mutants.py --report                      # what is known so far
+    python scripts/dev/mutants.py lookup levitation --count 25  # 25 of Cosmic Ray's mutants of each package
+    python scripts/dev/mutants.py lookup --count 25 --again     # again the mutants that no test caught
+    python scripts/dev/mutants.py --report                      # results so far
 
-Each mutant changes one operator, number, comparison or condition of one line; which ones are tried is drawn by --seed,
-the same ones each time, more of them with a larger --count. A mutant is caught if a test fails, of those that run its
-line (tests_of_lines.py), the quickest first, for at most a minute of processor time. What would be caught by
-a test left out there, or by one that `make test` leaves out, counts as not caught: the true share is higher, if
-anything. Results are kept in the folder of --keep, and what is known is not tried again. Survivors are listed with
-their line: kill them with a test, or say in scripts/dev/equivalent_mutants.toml why they change nothing that could be
-seen. At first all tests run once with coverage (half an hour of one processor; --tests names fewer); then it takes
-from seconds to two minutes for each mutant. Nothing here runs in CI.
+Each mutant changes one operator, number, comparison or condition of one line. --seed draws the mutants; a larger
+--count adds mutants to the same ones. A mutant is caught if one of the tests that run its line (tests_of_lines.py)
+fails; the quickest tests run first, for at most a minute of processor time. A mutant that only another test would catch
+counts as not caught, so the true share is at least the printed one. Results are kept in the folder of --keep, and known
+mutants are not tried again. Survivors are listed with their line: kill them with a test, or state in
+scripts/dev/equivalent_mutants.toml why they change nothing observable. The first run runs all tests once with coverage
+(half an hour of one processor; --tests names fewer); then each mutant takes from seconds to two minutes. CI does not
+run this.
 """
 
 import argparse
@@ -41,25 +41,25 @@ PLANTED = ROOT / "scripts" / "dev" / "planted_errors.toml"
 EQUIVALENT = ROOT / "scripts" / "dev" / "equivalent_mutants.toml"
 PACKAGES = ("control", "currents", "device", "dynamics", "interop", "interpolants", "io", "iron", "kernels",
             "levitation", "lookup", "maps", "plot", "sources", "store", "studies", "thesis")  # fmt: skip
-# What they replace is what a person gets wrong in a formula. Decorators, exceptions and names are left alone.
+# Operators that imitate human mistakes in formulas. Decorators, exceptions and names are not changed.
 OPERATORS = ("ReplaceBinaryOperator", "ReplaceComparisonOperator", "ReplaceUnaryOperator", "NumberReplacer",
              "AddNot", "ReplaceTrueWithFalse", "ReplaceFalseWithTrue", "ReplaceAndWithOr", "ReplaceOrWithAnd",
              "ReplaceBreakWithContinue", "ZeroIterationForLoop")  # fmt: skip
-# Of numbers that are not whole they end in an error at once, which any test that runs the line catches.
+# Operators for integers raise an error on other numbers, so any test that runs the line would catch them.
 _NEEDS_BITS = re.compile("_(BitAnd|BitOr|BitXor|LShift|RShift|Invert|Mod|FloorDiv)(_|$)")
-# `zip(..., strict=True)` tells mistakes of programmers, which no input can make.
+# `zip(..., strict=True)` detects programming errors, which no input can cause.
 NEVER_SEEN = ("strict=",)
-# `is` in the place of `==` is the same of whole numbers, words and choices, and of arrays an error at once.
+# `is` instead of `==` changes nothing for small integers, words and choices, and raises an error for arrays.
 _SAME_OBJECT = re.compile("_Eq_Is$|_NotEq_IsNot$")
-# A mesh is kept by all that the mesher is given (fieldmap.iron.mesh.mesher): an error in what it does then must not
-# meet a mesh made without it.
+# Meshes are cached by the mesher's inputs (fieldmap.iron.mesh.mesher). An error in the mesher itself must not find a
+# mesh that was cached without it.
 MESHER = ("fieldmap/iron/mesh/mesher.py", "fieldmap/iron/topology.py")
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One error: what it is, the line before and after, whether a test failed, how long that took, and which failed:
-    "" for none, and where none runs the line."""
+    """One error: its kind, the line before and after, whether a test failed, seconds taken, and the test that failed;
+    "" if none failed or none runs the line."""
 
     file: str
     what: str
@@ -71,12 +71,12 @@ class Trial:
 
     @property
     def key(self) -> str:
-        """The same for the same error in the same line, wherever that stands."""
+        """Identifies the error by the text of its line, independent of the line number."""
         return f"{self.file}: {self.before} -> {self.after}"
 
 
 def main() -> int:
-    """Exit code 1 where a planted error was not caught."""
+    """Exit code: 1 if a planted error was not caught."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("packages", nargs="*", choices=[*PACKAGES, []], help="packages to change")
     parser.add_argument(
@@ -113,11 +113,11 @@ def main() -> int:
 
 
 def _copied(folder: Path) -> Path:
-    """A copy of the checkout that errors are planted in; compiled kernels travel with it."""
+    """Copy the checkout, with its compiled kernels, to plant errors in."""
     if folder.exists():
         shutil.rmtree(folder)
     for name in ("fieldmap", "tests", "geometry", "maps", "scripts", "docs"):
-        # Results and their folder lie in maps/out.
+        # maps/out holds results, among them this copy.
         shutil.copytree(
             ROOT / name, folder / name, ignore=shutil.ignore_patterns("out") if name == "maps" else None
         )
@@ -161,7 +161,7 @@ def _sampled(
     """`count` mutants of a package: the first of a list in random order."""
     mutants = _mutants(package, seed)
     explained = _explained()
-    # As it is the package passes, in this order of tests too: looked at once.
+    # The unchanged package must pass the tests in this order, too; this is checked once.
     checked = any(key.startswith(f"fieldmap/{package}") for key in known)
     found = {}
     with Progress(console=console) as progress:
@@ -188,8 +188,8 @@ def _sampled(
 
 
 def _mutants(package: str, seed: int) -> list[tuple[Path, str, int, int]]:
-    """File, operator, which place in the file, and line, of all mutants of a package, in random order: one that stays
-    the same for lines that stay, whatever is written around them."""
+    """File, operator, number of the occurrence in the file, and line, of all mutants of a package. The random order
+    depends on the text of each line only, so changes of other lines do not alter it."""
     import cosmic_ray.plugins
     from cosmic_ray.ast import ast_nodes, get_ast
 
@@ -216,7 +216,7 @@ def _mutants(package: str, seed: int) -> list[tuple[Path, str, int, int]]:
                     continue
                 place = name, start[1] - len(line) + len(line.lstrip())
                 here[place, start[0]] += 1
-                # A number is changed in two ways, which are drawn one without the other.
+                # The two changes of a number are drawn independently.
                 others = (here[place, start[0]],) if here[place, start[0]] > 1 else ()
                 found.append((drawn(path, line, *place, *others), path, name, k, start[0]))
     return [mutant for _, *mutant in sorted(found)]
@@ -238,7 +238,7 @@ def _change(original: str, mutated: str, line: int) -> tuple[str, str]:
 
 
 def _limit(seconds: float) -> float:
-    """Wall time, s, beyond which tests hang, which is caught too; seconds: what they took before."""
+    """Wall time, s, beyond which tests count as hanging, and the error as caught. seconds: their usual time."""
     return 60.0 + 3.0 * seconds
 
 
@@ -249,8 +249,8 @@ def _tried(
     path = copy / file
     original, times = path.read_text(encoding="utf-8"), path.stat()
     begin = time.monotonic()
-    # A compiled kernel holds what it calls, and is taken again as long as its own file is as old as it was. So none is
-    # taken with an error in any kernel; those of the mended files come back. Outside kernels nothing is compiled.
+    # A cached kernel contains the functions that it calls, and is reused as long as its own file is unchanged. So an
+    # error in a kernel removes all cached kernels during the trial. Other files are not compiled.
     aside = copy.parent / "compiled"
     compiled = [*(copy / "fieldmap").rglob("*.nb?")] if file.startswith("fieldmap/kernels") else []
     for one in compiled:
@@ -282,7 +282,7 @@ def _compile_core(copy: Path) -> None:
 
 
 def _failed(copy: Path, file: str, tests: list[str], limit: float) -> str:
-    """Name of the test that fails, of these; "" if none does, and for no tests at all."""
+    """Name of the first of these tests that fails; "" if none fails or there are none."""
     if not tests:
         return ""
     environment = environment_of(copy)
@@ -300,12 +300,12 @@ def _failed(copy: Path, file: str, tests: list[str], limit: float) -> str:
         return "(no end)"
     if done.returncode == 0:
         return ""
-    # Where a module of tests cannot be imported, pytest misses the tests that were asked for as well.
+    # If a module of tests cannot be imported, pytest also reports its tests as missing.
     if told := re.search(r"^(?:FAILED|ERROR) (tests/.*?)(?: - |$)", done.stdout, re.MULTILINE):
         return told[1]
     functions = ["-m", "not slow", *dict.fromkeys(name.split("[")[0] for name in tests if "::" in name)]
     if done.returncode == 4 and "ERROR: not found" in done.stderr and functions != tests:
-        # Parameters of a test are read from what is changed: all that it has now.
+        # The error changed the parameters of a test, so all its present parameters are run.
         return _failed(copy, file, functions, limit)
     if done.returncode in (4, 5) and "ImportError while loading conftest" not in done.stderr:
         raise SystemExit(done.stdout[-2000:] + done.stderr[-2000:])
@@ -333,8 +333,8 @@ def _explained() -> dict[str, str]:
 
 
 def _print(trials: list[Trial], console: Console) -> None:
-    """How many were caught in each package and in all, and every survivor that nobody has explained. Lines that are
-    gone do not count."""
+    """Print the numbers of caught mutants in each package and in all, and every unexplained survivor. Mutants of lines
+    that no longer exist do not count."""
     texts = {
         one.file: (ROOT / one.file).read_text(encoding="utf-8")
         for one in trials
@@ -366,7 +366,7 @@ def _print(trials: list[Trial], console: Console) -> None:
 
 
 def _interval(k: int, n: int, z: float = 1.96) -> tuple[float, float]:
-    """Wilson's interval of a share of which a sample of n shows k."""
+    """Wilson interval of a share estimated as k of n."""
     middle = (k + z * z / 2.0) / (n + z * z)
     half = z * math.sqrt(k * (n - k) / n + z * z / 4.0) / (n + z * z)
     return middle - half, middle + half

@@ -1,4 +1,4 @@
-"""Jupyter notebooks from the pages of docs/notebooks: cells of text, code, and what the code prints.
+"""Make Jupyter notebooks from the pages of docs/notebooks: cells of text, of code, and the output of the code.
 
     python scripts/dev/notebooks.py
 

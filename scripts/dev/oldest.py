@@ -1,10 +1,10 @@
-"""Runs tests with the oldest versions that pyproject.toml allows, in a fresh environment.
+"""Run tests with the oldest versions that pyproject.toml allows, in a fresh environment.
 
     python scripts/dev/oldest.py [--folder FOLDER] [--extras make plot cli mujoco jax] [-- TEST ...]
 
-Every lower bound of the core and of these extras becomes the version itself. What these libraries need in their turn is
-the newest that goes with them, but for the entries of BESIDE: a bound of ours is no promise for a library that did not
-know its successors. Takes some 1.2 GB of disk in a folder that is deleted at the end. Ends with the code of pytest.
+Every lower bound of the core and of these extras becomes the exact version. Dependencies of these libraries have their
+newest compatible versions, except for the entries of BESIDE, because old libraries do not bound later dependencies.
+Takes about 1.2 GB of disk in a folder that is deleted at the end. The exit code is that of pytest.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 EXTRAS = ("make", "plot", "cli", "mujoco", "jax")
-# What the tests themselves need, of any age, and what old libraries need older than they say.
+# TOOLS: requirements of the tests. BESIDE: older versions of dependencies that old libraries need without stating it.
 TOOLS = ("pytest>=8.2", "pytest-xdist>=3.6", "jsonschema>=4.22")
 BESIDE: tuple[str, ...] = ()
 TESTS = (
@@ -44,7 +44,7 @@ TESTS = (
 def oldest(extras: list[str]) -> list[str]:
     """Requirements of exactly the lower bounds: "numpy==2.0".
 
-    Raises ValueError for a requirement without one.
+    Raises ValueError for a requirement without a lower bound.
     """
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     optional = project["optional-dependencies"]
@@ -58,7 +58,7 @@ def oldest(extras: list[str]) -> list[str]:
         found = re.fullmatch(r"([\w.-]+)>=([\w.]+)(,<[\w.]+)?(;.*)?", one)
         if found is None:
             raise ValueError(f"{one}: no lower bound")
-        # One extra may need more of a library than another: the highest of the lower bounds is the one that pip keeps.
+        # Extras may have different lower bounds of a library; pip needs the highest.
         bound = tuple(int(part) for part in found[2].split("."))
         exact[found[1]] = max(
             exact.get(found[1], ((), "")), (bound, f"{found[1]}=={found[2]}{found[4] or ''}")
@@ -93,11 +93,11 @@ def main() -> int:
         subprocess.run([*pip, "install", "--quiet", *exact, *BESIDE, *TOOLS], check=True)
         subprocess.run([*pip, "freeze"], check=True)
         tests = [python, "-P", "-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider"]
-        # Old libraries warn of what newer ones have changed.
+        # Old libraries warn of changes in newer ones.
         quiet = ["-W", "ignore::DeprecationWarning", "-W", "ignore::FutureWarning"]
-        # Other programs' readers of maps, which are extras of the tests.
+        # Tests with other programs' readers of maps, which are not among the extras.
         without = [f"--ignore=tests/store/test_{name}.py" for name in ("openpmd", "xarray")]
-        # The text of the schema files is that of the newest pydantic.
+        # The schema files have the text of the newest pydantic.
         without.append(
             "--deselect=tests/device/test_json_schema.py::test_the_schema_file_is_in_step_with_the_reader"
         )

@@ -3,8 +3,8 @@
     python scripts/dev/pictures.py [NAME ...] [--maps maps/out]
 
 NAME: app, drive_unit, figure_6_5, joints_x, joints_y, pole_disk, reachable, remembering_gain, remembering_step, show or
-workspace; all unless given. Maps must be there.
-After it, `pytest tests/docs --rewrite-pictures` takes the new files into the records.
+workspace; all by default. The maps must exist.
+Afterwards `pytest tests/docs --rewrite-pictures` records the new files.
 """
 
 import argparse
@@ -25,8 +25,8 @@ from fieldmap.plot.style import DARK, VARIABLE
 
 ROOT = Path(__file__).parents[2]
 IMAGES = ROOT / "docs" / "images"
-# Of the three scenes of show.png: the share of the height that the title takes, air around the rest and between the
-# scene and its colour bar, and the height.
+# Three scenes of show.png: share of the height for the title, margin around the scene and its colour bar, and height,
+# both in pixels.
 _TITLE, _AIR, _HEIGHT = 0.09, 20, 900
 Draw = Callable[[Path, Path], None]
 
@@ -70,7 +70,7 @@ def show(folder: Path, maps: Path) -> None:
 
 
 def drawn_places(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns, below the title, that are drawn on or lie near one that is; the paper is white."""
+    """Rows and columns below the title with something other than white in them or in their neighbours."""
     image = np.asarray(Image.open(path).convert("L")).copy()
     image[: round(_TITLE * len(image))] = 255
     rows, columns = (np.flatnonzero((image < 250).any(axis=axis)) for axis in (1, 0))
@@ -79,7 +79,7 @@ def drawn_places(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def beside(parts: list[Image.Image], target: Path) -> None:
-    """Put pictures side by side, made equally high."""
+    """Put pictures side by side, scaled to one height."""
     scaled = [
         part.resize((round(part.width * _HEIGHT / part.height), _HEIGHT), Image.Resampling.LANCZOS)
         for part in parts
@@ -121,7 +121,7 @@ def joints_y(folder: Path, maps: Path) -> None:
 
 
 def remembering_gain(folder: Path, maps: Path) -> None:
-    """Gain by the size of a loop, with hysteresis and without; a minute."""
+    """Gain over the size of a loop, with hysteresis and without; a minute."""
     of_remembering(folder, maps)
 
 

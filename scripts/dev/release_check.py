@@ -1,19 +1,19 @@
-"""Builds wheel and source distribution, and tries the wheel in a fresh environment: what a user gets.
+"""Build wheel and source distribution, and test the wheel in a fresh environment, as a user installs it.
 
     python scripts/dev/release_check.py [--folder FOLDER] [--only build core levitation all citation wheels]
 
-1. build: `python -m build`, in an environment of its own: the source distribution, and the wheel from it. Both hold the
-   shipped files, and nothing that is not under version control but, in the wheel, the compiled core.
-2. core: the wheel alone in a fresh environment, of a size that is stated; it opens the shipped map, looks fields,
-   forces and currents up, and names the command of what is missing.
-3. levitation: `pip install "fieldmap[levitation]"` in the same environment; a magnet floats on the map and is
+1. build: `python -m build`, in an environment of its own, makes the source distribution, and the wheel from it. Both
+   must hold the tracked shipped files and nothing else, except for the compiled core in the wheel.
+2. core: the wheel alone in a fresh environment, with its size printed. It opens the shipped map, looks up fields,
+   forces and currents, and names the command that installs a missing extra.
+3. levitation: `pip install "fieldmap[levitation]"` in the same environment; a magnet levitates on the map and is
    simulated.
-4. all: `pip install "fieldmap[all]"` in the same environment takes the wheel that is installed; `fieldmap map quick`
-   makes a map there.
-5. citation: `cffconvert --validate` for CITATION.cff, whose version is that of the package.
-6. wheels: those of the other systems, built from the source distribution and read by scripts/dev/wheels.py (on Linux).
+4. all: `pip install "fieldmap[all]"` in the same environment keeps the installed wheel; `fieldmap map quick` makes a
+   map there.
+5. citation: `cffconvert --validate` for CITATION.cff, which must state the version of the package.
+6. wheels: of the other systems, built from the source distribution and checked by scripts/dev/wheels.py (on Linux).
 
-Takes some 1.5 GB of disk in a folder that is deleted at the end, and what pip downloads. Ends with 1 if anything fails.
+Takes about 1.5 GB of disk in a folder that is deleted at the end, and downloads. The exit code is 1 if anything fails.
 """
 
 import argparse
@@ -73,7 +73,7 @@ class Environment:
         self.packages = Path(self.run("-c", "import sysconfig; print(sysconfig.get_path('purelib'))").strip())
 
     def run(self, *arguments: str, folder: Path | None = None, fails: bool = False) -> str:
-        """What `python ARGUMENTS` prints. Raises RuntimeError if it fails, or does not where it should."""
+        """Output of `python ARGUMENTS`. Raises RuntimeError if it fails, or succeeds where `fails` is True."""
         clean = {
             name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")
         }
@@ -90,18 +90,18 @@ class Environment:
         return done.stdout + done.stderr if fails else done.stdout
 
     def install(self, *what: str) -> None:
-        """`pip install`, of the versions in constraints.txt."""
+        """`pip install` with the versions in constraints.txt."""
         constraints = str(ROOT / "constraints.txt")
         self.run("-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-c", constraints, *what)
 
     def megabytes(self) -> float:
-        """Size of what is installed, pip included, 1e6 bytes."""
+        """Size of the environment, pip included, 1e6 bytes."""
         files = (path for path in self.packages.rglob("*") if path.is_file() and not path.is_symlink())
         return sum(path.stat().st_size for path in files) / 1e6
 
 
 def build(folder: Path) -> tuple[Path, Path]:
-    """The wheel and the source distribution, made in `folder`/dist, which holds nothing else then."""
+    """Build the wheel and the source distribution in `folder`/dist, which then holds nothing else."""
     shutil.rmtree(folder / "dist", ignore_errors=True)
     builder = Environment(folder / "builder")
     builder.install("build")
@@ -113,7 +113,7 @@ def build(folder: Path) -> tuple[Path, Path]:
 
 
 def _contents(wheel: Path, source: Path) -> None:
-    """Raises RuntimeError unless the two hold the tracked files, and only these; the wheel the compiled core too."""
+    """Raises RuntimeError unless both hold only the tracked files, and the wheel also the compiled core."""
     listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True)
     tracked = set(filter(None, listed.stdout.split("\0")))
     with tarfile.open(source) as archive:
@@ -144,7 +144,7 @@ def _contents(wheel: Path, source: Path) -> None:
 
 
 def core(folder: Path, wheel: Path) -> Environment:
-    """An environment with the wheel alone, tried."""
+    """Make and test an environment with the wheel alone."""
     environment = Environment(folder / "environment")
     before, began = environment.megabytes(), time.monotonic()
     environment.install(str(wheel))
@@ -171,7 +171,7 @@ def core(folder: Path, wheel: Path) -> Environment:
 
 
 def levitation(folder: Path, environment: Environment) -> None:
-    """The same environment with scipy, tried."""
+    """Test the same environment with scipy."""
     before, began = environment.megabytes(), time.monotonic()
     environment.install("fieldmap[levitation]")
     print(f"  installed in {time.monotonic() - began:.0f} s: {environment.megabytes() - before:.0f} MB more")
@@ -182,9 +182,9 @@ def levitation(folder: Path, environment: Environment) -> None:
 
 
 def everything(folder: Path, environment: Environment) -> None:
-    """The same environment with all extras, tried."""
+    """Test the same environment with all extras."""
     began = time.monotonic()
-    # The one that is installed, wherever another package of this name may be.
+    # pip must keep the installed wheel, although a registry may have a package of this name.
     environment.install("fieldmap[all]")
     version = environment.run("-c", "import fieldmap; print(fieldmap.__version__)", folder=folder).strip()
     _expect(
@@ -204,7 +204,7 @@ def everything(folder: Path, environment: Environment) -> None:
 
 
 def citation(folder: Path) -> None:
-    """CITATION.cff holds what a reference manager reads."""
+    """Check that CITATION.cff is valid and states the version of the package."""
     reader = Environment(folder / "citation")
     reader.run(
         "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "cffconvert", "setuptools<81"
@@ -216,7 +216,7 @@ def citation(folder: Path) -> None:
 
 
 def wheels(folder: Path, source: Path) -> None:
-    """The wheels of the other systems, beside the source distribution."""
+    """Build the wheels of the other systems, in the folder of the source distribution."""
     builder = Environment(folder / "builder")
     builder.install("build", "hatchling", "numpy", "abi3audit")
     compiling = ROOT / "fieldmap" / "core" / "compile.py"

@@ -1,35 +1,34 @@
-"""Do two versions of the package give the same data? Runs everything that is shipped, and compares number by number.
+"""Compare the results of two versions of the package: run all shipped cases with each, and compare all numbers.
 
     python scripts/dev/same_results.py run BEFORE --package ../before     # a checkout of the older commit
     python scripts/dev/same_results.py run AFTER
     python scripts/dev/same_results.py compare BEFORE AFTER
 
-`run` drives the command line only: maps, rows of the thesis, scenarios, solutions, exports. It compiles the core of a
-checkout that has none, by its own fieldmap/core/compile.py (with CC, or ziglang). It skips what its folder holds
-already, so it goes on where it was stopped. `--only` takes the names of cases or their beginnings (`map`, `simulate`,
-`thesis`, ...), `--quick` those of the quick and linear maps, small solutions and one scenario: some minutes.
-Scenarios of saturating iron take a table of currents in all versions, for those differ in what they take unless
-asked.
+`run` uses the command line only: maps, rows of the thesis, scenarios, solutions, exports. If the core of a checkout is
+not compiled, `run` compiles it by its own fieldmap/core/compile.py (with CC, or ziglang). Existing results in the
+folder are skipped, so a stopped run can be continued. `--only` takes names of cases or their beginnings (`map`,
+`simulate`, `thesis`, ...); `--quick` runs the quick and linear maps, small solutions and one scenario: some minutes.
+Scenarios of saturating iron use a table of currents in all versions, because the defaults of the versions differ.
 
-`compare` prints one line for each file: equal to the last bit, or the largest difference and where it is. Exit code 1
-if a file is missing or a difference is above its tolerance, which is
+`compare` prints one line for each file: equal to the last bit, or the largest difference and its place. The exit code
+is 1 if a file is missing or a difference exceeds its tolerance:
 
-- of maps, lookups, solutions and exports: 1e-12 of the largest value of the same array;
-- of runs of scenarios: 1e-9 of the largest value, of velocities of 1 m/s or 1 rad/s at least, row by row until a first
-  output lies at a limit of its controller. Two kinds of runs may exceed it later, and a line says from when on and by
-  how much: those that touch a wall, for they do not say when; and those whose outputs go through a converter. While
-  both take the same steps of it nothing holds a difference back, and a body in the air falls away from it; then it is
-  bounded by a step. These must agree for 0.3 s, and those with a converter to 1e-3 to the end. How a run ended, and
-  what it touched, must be the same;
-- of equilibria, what is linearised about them and rows of the thesis: 1e-9 m of a position, else 1e-9 of the largest
-  value.
+- maps, lookups, solutions and exports: 1e-12 of the largest value of the same array;
+- runs of scenarios: 1e-9 of the largest value (for velocities at least of 1 m/s or 1 rad/s), row by row until a first
+  output is at a limit of its controller. Two kinds of runs may exceed this later, and a line says from when on and by
+  how much: runs that touch a wall, because they do not record when; and runs with a converter on the outputs. As long
+  as both versions take the same steps of the converter, the loop does not reduce a difference, and an unstable body
+  amplifies it; later a step of the converter bounds it. Such runs must agree for 0.3 s, and runs with a converter
+  within 1e-3 to the end. The end of a run and the walls that it touched must be the same;
+- equilibria, linearisations and rows of the thesis: 1e-9 m for a position of an equilibrium, otherwise 1e-9 of the
+  largest value.
 
-`--tolerance` sets one for all. Times, dates, versions and other texts are not compared, nor what is rounding by
-nature: residuals, and deviations from known values.
+`--tolerance` sets one value for all. Times, dates, versions and other texts are not compared, nor are numbers that
+consist of rounding errors: residuals, and deviations from known values.
 
-The last bits of compiled code depend on the compiler, and in versions with kernels of numba on which were compiled
-together and which were read from the cache. For a comparison to the last bit both versions are compiled by the same
-compiler and run the same cases in the same order.
+The last bits of compiled code depend on the compiler, and with numba also on which kernels were compiled together or
+read from the cache. For a comparison to the last bit compile both versions with the same compiler, and run the same
+cases in the same order.
 """
 
 import argparse
@@ -56,31 +55,31 @@ NOT_DATA = re.compile(
     r"|timing|processor|clock|path|machine$|bytes|(^|/)about$|size|residual$|deviation$",
     re.IGNORECASE,
 )
-"""Names of attributes, data sets and keys that differ from run to run: costs, dates and where files lie."""
+"""Names of attributes, data sets and keys that differ from run to run: costs, dates and paths."""
 
 EXACT, OF_RUNS = 1e-12, 1e-9
 LOOSER = {"simulate": OF_RUNS, "equilibrium": 1e-9, "linearise": 1e-9, "thesis": 1e-9}
-"""Tolerances of files whose names begin so; of others: EXACT."""
+"""Tolerances of files by the beginning of their names; EXACT for other files."""
 METRES = re.compile(r"(^|/)position$")
-"""In files of equilibria: compared in m, not relative to the largest value."""
+"""Names of numbers in files of equilibria that are compared in m, not relative to the largest value."""
 LEAST_SCALE = {"velocity": 1.0, "spin": 1.0}
-"""What these of a run are relative to at least: of a body that hardly moves they are rounding."""
+"""Least scale of arrays of a run. The values of a body that hardly moves are rounding errors."""
 AGREE_S, WITH_CONVERTER = 0.3, 1e-3
-"""For how long runs must agree that may part later, and how near they stay where a converter bounds it."""
+"""Time, s, for which runs must agree that may differ later; and largest later difference of runs with a converter."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One command: its words after `fieldmap`, in the folder of results; what it prints is kept as NAME.json."""
+    """One command: its words after `fieldmap`. It runs in the folder of results; its output is kept as NAME.json."""
 
     name: str
     words: tuple[str, ...]
 
 
 def cases() -> Iterator[Case]:
-    """All commands, in an order in which each finds what it needs."""
+    """All commands, in an order in which each finds its input files."""
     for recipe in MAPS:
-        # This checkout's own recipe, which the other version may lack, or have under this name for another map.
+        # The recipe of this checkout; the other version may lack it or have another map under this name.
         file = str(ROOT / "maps" / f"{recipe}.toml")
         yield Case(f"map_{recipe}", ("map", file, "-o", f"{recipe}.h5", "--json"))
         yield Case(f"info_{recipe}", ("info", f"{recipe}.h5", "--json"))
@@ -96,11 +95,11 @@ def cases() -> Iterator[Case]:
     yield Case("solve_drive_unit", ("solve", "drive_unit", *saturated, *below, "--json"))
     for path in sorted((ROOT / "maps/scenarios").glob("*.toml")):
         name, recipe = path.stem, tomllib.loads(path.read_text(encoding="utf-8"))["map"]
-        # Of another machine: `bead`, which needs a map of its own.
+        # `bead` is of another machine and needs a map of its own.
         if recipe not in MAPS:
             continue
         words = ("simulate", name, "--map", f"{recipe}.h5", "-o", f"{name}.h5", "--json")
-        # Unless asked, versions take tables of currents or the iron's model: a difference of models, not of rounding.
+        # By default versions use a table of currents or the iron's model, which differ by more than rounding.
         table = () if recipe == "linear" else ("--set", "field.iron=table")
         yield Case(f"simulate_{name}", (*words, *table))
     yield Case("linearise_hold", ("linearise", "hold", "--map", "linear.h5", "--json"))
@@ -133,7 +132,7 @@ def compile_core(package: Path) -> None:
 
 
 def run(folder: Path, package: Path, chosen: Iterator[Case]) -> int:
-    """Run the cases that the folder lacks; print how long each took."""
+    """Run the cases that are not in the folder; print the time of each."""
     compile_core(package)
     folder.mkdir(parents=True, exist_ok=True)
     environment = os.environ | {"PYTHONPATH": str(package.resolve()), "COLUMNS": "120"}
@@ -157,8 +156,8 @@ def run(folder: Path, package: Path, chosen: Iterator[Case]) -> int:
 
 @dataclass(frozen=True)
 class Difference:
-    """The largest difference of a file, relative to the largest value of its array, and where it is; count of arrays
-    compared; what only one side has, or says in other words; notes: until when runs were compared."""
+    """The largest difference of a file, relative to the largest value of its array, and its place; count of compared
+    arrays; missing: names that only one side has or that differ; notes: until when runs were compared."""
 
     largest: float = 0.0
     where: str = ""
@@ -196,7 +195,7 @@ def compare(first: Path, second: Path, tolerance: float | None) -> int:
 
 
 def tolerance_of(path: Path) -> float:
-    """What a file may differ by."""
+    """Largest allowed difference of a file."""
     if is_run(path):
         return OF_RUNS
     return next((bound for begin, bound in LOOSER.items() if path.name.startswith(begin)), EXACT)
@@ -211,7 +210,7 @@ def is_run(path: Path) -> bool:
 
 
 def compare_files(first: Path, second: Path, tolerance: float = EXACT) -> Difference:
-    """Compare two files of the same name. tolerance: until it is exceeded, runs that touch a wall are compared."""
+    """Compare two files of the same name. tolerance: runs that may differ later are compared until they exceed it."""
     if is_run(first):
         return _compare_runs(first, second, tolerance)
     if first.suffix == ".h5":
@@ -240,7 +239,7 @@ def _compare(
 
 
 def _away(a: np.ndarray, b: np.ndarray, scale: float | None = None) -> np.ndarray:
-    """Differences, relative to the largest value of a unless a scale is given; of two NaN none."""
+    """Differences, relative to the largest value of a unless a scale is given; 0 for two NaN."""
     with np.errstate(invalid="ignore"):
         away = np.where((a == b) | (np.isnan(a) & np.isnan(b)), 0.0, np.abs(a - b))
     return away / (scale or np.nanmax(np.abs(a), initial=0.0) or 1.0)
@@ -267,7 +266,7 @@ def _compare_runs(first: Path, second: Path, tolerance: float) -> Difference:
 
 
 def _compare_run(one: h5py.Group, two: h5py.Group, keys: dict[str, Any], tolerance: float) -> Difference:
-    """keys: of the scenario."""
+    """Compare two runs. keys: of the scenario."""
     about, other = (json.loads(side.attrs["about"]) for side in (one, two))
     time, rows = np.asarray(one["time"]), min(len(one["time"]), len(two["time"]))
     free = min(rows, *(_first_at_limit(side["outputs"], keys["control"]) for side in (one, two)))
@@ -302,7 +301,7 @@ def _compare_run(one: h5py.Group, two: h5py.Group, keys: dict[str, Any], toleran
 
 
 def _first_at_limit(outputs: h5py.Dataset, control: dict[str, Any]) -> int:
-    """The first row with an output within a thousandth of its limits, which a converter may round; else all rows."""
+    """The first row with an output at a limit, within a thousandth of its range for converters; or all rows."""
     values = np.asarray(outputs)
     axes = [control.get(axis, {}) for axis in "zxy"]
     if values.shape[1] != len(axes):
@@ -334,11 +333,11 @@ def _of_hdf5(path: Path) -> dict[str, np.ndarray]:
 
 
 def _of_json(path: Path) -> dict[str, np.ndarray]:
-    """Numbers by the keys that lead to them: all of a list, and of the tables of a list, are one array."""
+    """Numbers by the path of keys; all numbers of a list, or of the tables of a list, form one array."""
     found: dict[str, list[float]] = {}
 
     def walk(name: str, value: object) -> None:
-        # Metrics of runs follow from their rows, which another file holds.
+        # Metrics of runs follow from their rows, which are compared in another file.
         if NOT_DATA.search(name) or name == "/batches/runs":
             return
         if isinstance(value, dict):

@@ -1,7 +1,7 @@
-"""Which tests run a line of the package, and how long each takes: what scripts/dev/mutants.py chooses its tests by.
+"""The tests that run a line of the package, and the time of each, from which scripts/dev/mutants.py selects its tests.
 
-The tests run once with coverage.py, each under its name. What a file of tests runs is kept until that file changes.
-Tests that fail are left out, as are those that `make test` leaves out, and what runs in another process is not seen.
+The tests run once with coverage.py, with one context per test. Results of a file of tests are kept until it changes.
+Tests that fail, and tests that `make test` leaves out, do not count. Lines run in other processes are not seen.
 """
 
 import ast
@@ -14,8 +14,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-# Processor time that the tests of one error may take by what they took before, s. Beyond it the least telling are left
-# out: most errors are caught within a few seconds, and a survivor costs all of it.
+# Largest sum of the times of the tests for one error, s. The least useful tests beyond it are left out: most errors are
+# caught within a few seconds, and a survivor costs the whole time.
 LIMIT = 60.0
 _PASSED = re.compile(r"^(tests/\S+\.py::.*?) PASSED\b", re.MULTILINE)
 _SECONDS = re.compile(r"^([\d.]+)s (?:setup|call|teardown) +(tests/.*)$", re.MULTILINE)
@@ -24,7 +24,7 @@ _SECONDS = re.compile(r"^([\d.]+)s (?:setup|call|teardown) +(tests/.*)$", re.MUL
 class TestsOfLines:
     """Tests by the lines that they run, kept in a folder.
 
-    checkout: the folder with the package and its tests; keep: the folder of what is known; tests: files and folders of
+    checkout: the folder with the package and its tests; keep: the folder of the results; tests: files and folders of
     tests that count, relative to the checkout.
     """
 
@@ -40,12 +40,12 @@ class TestsOfLines:
         stale = [file for file in files if known["files"].get(file, {}).get("hash") != self._hash(file)]
         if stale:
             known["files"] |= self._run(stale, f"{len(list(keep.glob('*.coverage')))}.coverage")
-            # Lines are those of the package as it was at the first run: see `_statement`.
+            # Line numbers belong to the package at the first run; `of` checks the hash of a file.
             for path in (checkout / "fieldmap").rglob("*.py"):
                 name = path.relative_to(checkout).as_posix()
                 known["package"].setdefault(name, self._hash(name))
             kept.write_text(json.dumps(known), encoding="utf-8")
-        # Here: the extra `mutants` brings it, and tests of this program do without.
+        # Imported here, because it belongs to the extra `mutants` and tests of this program do not need it.
         from coverage import CoverageData
 
         self._package = known["package"]
@@ -62,8 +62,8 @@ class TestsOfLines:
         self._of_all_modules = {name for name in self.seconds if name.split("::")[0] in walking}
 
     def of(self, file: str, line: int, package: str) -> list[str]:
-        """Names of tests that run the statement at a line, the quickest first, then others of their files, which may
-        read what those made and kept; at most `LIMIT` s of them. Empty if none runs it."""
+        """Names of tests that run the statement at a line, the quickest first, then other tests of their files, which
+        may use cached results of these tests; at most `LIMIT` s in all. Empty if no test runs the line."""
         lines, defining = self._lines_of(file), self._defines(file, line)
         module = _module(file)
         if self._package.get(file) != self._hash(file):
@@ -71,7 +71,7 @@ class TestsOfLines:
         else:
             found = set().union(*(lines.get(k, set()) for k in self._statement(file, line)))
             if "" in found or defining:
-                # Run while the module is imported: it shows wherever the module is used.
+                # The line runs at import, so it may affect every test that uses the module.
                 found = set().union(*lines.values()) | self._of_all_modules | self._beside(module)
         running = {name for name in found if name in self.seconds}
         near = {
@@ -95,8 +95,8 @@ class TestsOfLines:
         return chosen
 
     def _beside(self, module: str) -> set[str]:
-        """Tests that see what a module defines without running its lines: those of files that name the module, and
-        those that run modules that import it."""
+        """Tests that use definitions of a module without running its lines: tests in files that name the module, and
+        tests that run modules that import it."""
         files = {name.split("::")[0] for name in self.seconds}
         naming = {test for test in files if module in (self._checkout / test).read_text(encoding="utf-8")}
         found = {name for name in self.seconds if name.split("::")[0] in naming}
@@ -111,14 +111,14 @@ class TestsOfLines:
             yield file.relative_to(self._checkout).as_posix()
 
     def _hash(self, file: str) -> str:
-        """Of a file, and of which of its tests are left out."""
+        """Hash of a file, and of the list of its left-out tests."""
         content = (self._checkout / file).read_bytes()
         lines = (self._checkout / "tests" / "slow.txt").read_text(encoding="utf-8").splitlines()
         content += "\n".join(line for line in lines if line.startswith(f"{file}::")).encode()
         return hashlib.sha256(content).hexdigest()[:16]
 
     def _run(self, files: list[str], name: str) -> dict[str, dict[str, object]]:
-        """Run tests with coverage: for each file its hash, and the seconds of each test that passed."""
+        """Run tests with coverage. Returns the hash of each file and the seconds of each test that passed."""
         settings = self._keep / "coverage.ini"
         settings.write_text("[run]\nsource = fieldmap\nrelative_files = true\n", encoding="utf-8")
         command = [
@@ -131,7 +131,7 @@ class TestsOfLines:
         return self.read(files, done.stdout)
 
     def read(self, files: list[str], printed: str) -> dict[str, dict[str, object]]:
-        """What pytest printed about these files."""
+        """Read hash and seconds of these files from the output of pytest."""
         taken: dict[str, float] = {}
         for seconds, name in _SECONDS.findall(printed):
             taken[name] = taken.get(name, 0.0) + float(seconds)
@@ -143,7 +143,7 @@ class TestsOfLines:
         return found
 
     def _lines_of(self, file: str) -> dict[int, set[str]]:
-        """For each line that was run, the tests that did; "" stands for the import of the module."""
+        """For each line that was run, the tests that ran it; "" stands for the import of the module."""
         if file not in self._lines:
             lines: dict[int, set[str]] = {}
             for data in self._data:
@@ -153,13 +153,13 @@ class TestsOfLines:
         return self._lines[file]
 
     def _defines(self, file: str, line: int) -> bool:
-        """Whether a line is in no body of a function: it runs while the module is imported, be that by a test."""
+        """Whether a line is outside all bodies of functions and therefore runs while the module is imported."""
         tree = ast.parse((self._checkout / file).read_text(encoding="utf-8"))
         functions = (one for one in ast.walk(tree) if isinstance(one, ast.FunctionDef | ast.AsyncFunctionDef))
         return not any(one.body[0].lineno <= line <= (one.end_lineno or line) for one in functions)
 
     def _statement(self, file: str, line: int) -> range:
-        """Lines of the innermost statement at a line; of one with a body, those before it."""
+        """Lines of the innermost statement at a line; for a statement with a body, the lines before the body."""
         best = range(line, line + 1)
         for node in ast.walk(ast.parse((self._checkout / file).read_text(encoding="utf-8"))):
             if not isinstance(node, ast.stmt):
@@ -187,16 +187,16 @@ def _module(file: str) -> str:
 
 
 def reads_definitions(file: Path) -> bool:
-    """Whether a file of tests holds what modules define, such as signatures and the keys of files with their bounds,
-    to pages and schemas. Lines do not tell that: definitions run while a module is imported, in whichever test."""
+    """Whether a file of tests compares definitions, such as signatures and keys of files with their bounds, with pages
+    and schemas. Coverage does not show such tests, because definitions run while a module is imported, in any test."""
     text = file.read_text(encoding="utf-8")
     return any(word in text for word in ("walk_packages", "api_signatures", "key_pages", "schema_files"))
 
 
 def environment_of(checkout: Path) -> dict[str, str]:
-    """Variables of a process that takes the package from a checkout, before any that is installed."""
+    """Environment variables of a process that imports the package from a checkout, not an installed one."""
     others = [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path]
-    # Paths of another checkout would hide that of errors; what holds no package of this name stays.
+    # Another checkout on the path would hide the copy with errors. Other folders on the path stay.
     others = [path for path in others if not (Path(path) / "fieldmap").is_dir()]
     one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
     return os.environ | one | {"PYTHONPATH": os.pathsep.join([str(checkout), *others]), "PYTHONSAFEPATH": "1"}

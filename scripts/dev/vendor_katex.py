@@ -1,6 +1,6 @@
-"""Copies KaTeX into docs/assets/katex: script, licence, and a style sheet that holds its fonts.
+"""Copy KaTeX into docs/assets/katex: script, licence, and a style sheet that contains its fonts.
 
-`npm pack katex` and `python scripts/dev/vendor_katex.py UNPACKED_PACKAGE`. The fonts stand in the style sheet as data,
+`npm pack katex` and `python scripts/dev/vendor_katex.py UNPACKED_PACKAGE`. The style sheet contains the fonts as data,
 because a browser that opens the site from disk may refuse to read fonts from other files.
 """
 
@@ -14,7 +14,7 @@ TARGET = Path(__file__).parents[2] / "docs" / "assets" / "katex"
 
 
 def with_fonts(style: str, folder: Path) -> str:
-    """The style sheet with its WOFF2 fonts inside, without those of older browsers."""
+    """The style sheet with its WOFF2 fonts as data, and without the fonts of older browsers."""
 
     def embedded(match: re.Match[str]) -> str:
         data = base64.b64encode((folder / match[1]).read_bytes()).decode()
@@ -24,7 +24,7 @@ def with_fonts(style: str, folder: Path) -> str:
 
 
 def main() -> None:
-    """Writes the three files."""
+    """Write the three files."""
     package = Path(sys.argv[1])
     TARGET.mkdir(parents=True, exist_ok=True)
     shutil.copy(package / "dist" / "katex.min.js", TARGET)

@@ -1,22 +1,22 @@
-"""Builds the wheels of all systems on one machine with Linux, and reads what came out.
+"""Build the wheels of all systems on one machine with Linux, and check them.
 
     pip install build hatchling numpy abi3audit ziglang
     python scripts/dev/wheels.py fieldmap-0.2.0.tar.gz [--folder dist] [--only aarch64-darwin x86_64-win32]
 
-Begins with a source distribution, so that no library of a checkout is overwritten. A wheel that is in the folder
-already is read, not built anew. zig compiles for every system. What differs on another system than this one lies in a
-folder, which scripts/dev/build_hook.py hands to the compiler:
+The source is a source distribution, so that no library of a checkout is overwritten. A wheel that exists in the folder
+is checked, not built again. zig compiles for every system. Files that another system needs are in a folder, which
+scripts/dev/build_hook.py passes to the compiler:
 
 - the headers of numpy, from numpy's own wheel for that system;
-- for Windows scripts/dev/pyconfig_windows.h in the place of this machine's pyconfig.h, and an import library of
-  python3.dll, made by zig from the names of the stable interface, as the package abi3info lists them.
+- for Windows scripts/dev/pyconfig_windows.h instead of this machine's pyconfig.h, and an import library of
+  python3.dll, made by zig from the names of the stable interface, which the package abi3info lists.
 
-macOS and other processors take this machine's headers of Python: the stable interface asks for the sizes of types,
-which are the same there.
+Builds for macOS and other processors use this machine's headers of Python, because the stable interface depends on the
+sizes of types only, which are the same there.
 
-Each wheel must hold the libraries of its system, in the system's format and for its processor. What they take from
-Python must be of the stable interface of Python 3.11 (abi3audit), and from the C library of Linux no newer than the
-wheel says. Nothing is run: docs/release.md says what was run. Ends with 1 if anything fails.
+Each wheel must hold the libraries of its system, in the system's format and for its processor. They may use only the
+stable interface of Python 3.11 (abi3audit), and only versions of Linux's C library that the wheel's tag allows. Nothing
+is run; docs/release.md says what was run. The exit code is 1 if anything fails.
 """
 
 import argparse
@@ -43,9 +43,9 @@ TARGETS = {
     "x86_64-win32": "win_amd64",
     "aarch64-win32": "win_arm64",
 }
-"""Machine and system for which a wheel is built: a system for which numpy has a wheel."""
+"""Machine and system -> tag of the wheel. numpy has wheels for all of them."""
 _NUMPY_HEADERS = "numpy/_core/include/"
-# By system: how a library begins, and by which number it names its processor.
+# By system: the first bytes of a library, and the numbers of the processors in its header.
 _FORMATS = {
     "linux": (b"\x7fELF", {"x86_64": 62, "aarch64": 183}),
     "darwin": (b"\xcf\xfa\xed\xfe", {"x86_64": 0x01000007, "aarch64": 0x0100000C}),
@@ -55,7 +55,7 @@ _OLDEST_GLIBC = 17
 
 
 def _run(*command: str, **environment: str) -> None:
-    # The compiler of this machine's user would not be one for another system.
+    # CC would name a compiler for this system.
     given = {name: value for name, value in os.environ.items() if name != "CC"}
     done = subprocess.run(
         [sys.executable, "-m", *command], capture_output=True, text=True, env={**given, **environment}
@@ -65,7 +65,7 @@ def _run(*command: str, **environment: str) -> None:
 
 
 def files_of(target: str, folder: Path) -> None:
-    """What differs on a system, in `folder`: include, and libs if modules are linked with Python there."""
+    """Write the files of a system into `folder`: include, and libs if modules are linked with Python there."""
     machine, system = target.split("-")
     options = ["--platform", TARGETS[target], "--only-binary=:all:", "--no-deps", "--quiet"]
     _run("pip", "download", *options, "--dest", str(folder / "numpy"), f"numpy=={version('numpy')}")
@@ -104,7 +104,7 @@ def build(source: Path, target: str, wheel: Path) -> None:
 
 
 def check(wheel: Path, target: str) -> list[str]:
-    """What the libraries in a wheel are. Raises RuntimeError unless they are those of the system."""
+    """Describe the libraries in a wheel. Raises RuntimeError unless they are for the system."""
     machine, system = target.split("-")
     wanted = {path.name for path in CORE["libraries"](machine, system).values()}
     with zipfile.ZipFile(wheel) as archive:
@@ -121,7 +121,7 @@ def check(wheel: Path, target: str) -> list[str]:
 
 
 def of_library(content: bytes, machine: str, system: str) -> str:
-    """What a library is. Raises RuntimeError unless it is one for a machine and system, and a module of Python."""
+    """Describe a library. Raises RuntimeError unless it is for the machine and system, and a module of Python."""
     start, numbers = _FORMATS[system]
     if system == "linux":
         (found,) = struct.unpack_from("<H", content, 18)

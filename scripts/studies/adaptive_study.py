@@ -1,12 +1,12 @@
-"""Error against faces and processor seconds, uniform against adaptive refinement: docs/theory/iron_errors.md, "Where
+"""Error over faces and processor seconds of uniform and of adaptive refinement: docs/theory/iron_errors.md, "Where
 the mesh is refined".
 
     python scripts/studies/adaptive_study.py DEVICE --truth R [--mu-r M] [--uniform R ...] [--levels N] [--tolerance T]
                                             [--workspace X0 Y0 Z0 X1 Y1 Z1]
 
-Errors are the largest over the surface of the workspace, relative to the largest value of the same quantity there,
-against the same device with its mesh sizes divided by R; choose it fine enough. Devices without a workspace are given
-one in mm. Run it with one thread: seconds are those of the processor.
+Errors are the largest over the surface of the workspace, relative to the largest value of the same quantity there. The
+reference is the same device with its mesh sizes divided by R, which must be large enough. --workspace, mm, is for
+devices without a workspace. Run it with one thread, because seconds are processor seconds.
 """
 
 import argparse
@@ -29,7 +29,7 @@ HEAD = "| mesh | faces | tetrahedra | error of B | of the gradient | shares of f
 
 
 def solved(device: Device, mesh: IronMesh, mu_r: float | None, tolerance: float) -> Level:
-    """Both forms on one mesh."""
+    """Solve both forms on one mesh."""
     points, properties = workspace_surface(device), body_properties(device, mu_r)
     return Level.solved(
         device, assemble(mesh), properties, points, tolerance, Stages(None), Tolerance(tolerance)

@@ -1,4 +1,4 @@
-"""Saturating iron on devices of the shape of published benchmark problems: how field, sections and force converge.
+"""Convergence of field, sections and force of saturating iron, on devices in the shape of published benchmarks.
 
 python scripts/studies/benchmark_shapes.py                       (both devices at refinements 0.5, 0.7, 1: some minutes)
 python scripts/studies/benchmark_shapes.py --refinements 0.5,0.7,1,1.4   (the last needs 8 GB for thin_plates)
@@ -13,12 +13,12 @@ import fieldmap as fm
 from fieldmap.device.model import Device
 from fieldmap.iron import NonlinearSolution, NonlinearSolver
 
-# Points in the gaps, m; the first in the middle of a gap, the second where it ends.
+# Points in the gaps, m: the first in the middle of a gap, the second at its end.
 GAP_POINTS = {
     "thin_plates": [[1.85e-3, 0.02, 0.0624], [1.85e-3, 0.025, 0.0624]],
     "pole_in_box": [[0.0, 0.0, 0.5e-3], [0.013, 0.0, 0.0575]],
 }
-# What has air all around.
+# Bodies that are surrounded by air.
 PIECES: dict[str, tuple[tuple[str, ...], ...]] = {
     "thin_plates": (
         *(
@@ -30,7 +30,7 @@ PIECES: dict[str, tuple[tuple[str, ...], ...]] = {
     "pole_in_box": (("pole",), ("box", "floor pad", "lid collar"), ("coil",)),
 }
 CURRENTS = {"thin_plates": (1.0, 3.0), "pole_in_box": (1.0, 3.0, 5.0)}
-# The force by coenergy: the pole is moved this far either way, m.
+# Displacement of the pole to either side for the force by coenergy, m.
 STEP = 2.5e-5
 
 

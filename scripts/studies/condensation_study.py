@@ -1,10 +1,10 @@
-"""What fewer modes and points change of the drive unit's map: docs/theory/current_training.md, "Fewer modes".
+"""Effect of fewer modes and points on the drive unit's map: docs/theory/current_training.md, "Fewer modes".
 
     python scripts/studies/condensation_study.py [RECIPE]
 
-Makes the map of a recipe (maps/workspace.toml if left out) in a folder that is removed. Prints the errors of the
-trained model and of those condensed from it at the states held out, and how far derivatives of the map by its signals
-and by single coils are off those of the solver.
+Makes the map of a recipe (maps/workspace.toml by default) in a temporary folder. Prints errors at held-out states, of
+the trained model and of models condensed from it, and errors of the map's derivatives by its signals and by single
+coils against the solver.
 """
 
 import sys
@@ -26,7 +26,7 @@ from fieldmap.sources import unit_flux_density_and_gradient
 from fieldmap.typing import Array
 
 STATES, SEED = 12, 41
-# Bounds of the condensation, as shares of those that are shipped.
+# Bounds of the condensation, as multiples of the shipped bounds.
 SHARES = {"as shipped": 1.0, "with half the change allowed": 0.5, "with twice": 2.0}
 
 

@@ -2,9 +2,9 @@
 
     python scripts/studies/drive_unit_tolerances.py [--samples 50] [--kept FOLDER]
 
-Lift current with the magnet 102 mm below the disk, and how far the direction signal x = 0.2 moves the equilibrium:
-standard deviations to first order, shares of each number, and random devices beside. Saturating iron on a coarse mesh.
-Devices are kept in FOLDER; a second run prints the same table and solves nothing, and one of more samples goes on.
+Lift current with the magnet 102 mm below the disk, and shift of the equilibrium by the direction signal x = 0.2:
+first-order standard deviations, shares of each number, and random devices. Saturating iron on a coarse mesh. Devices
+are kept in FOLDER; a second run prints the same table without solves, and a run with more samples continues.
 """
 
 import argparse
@@ -13,15 +13,15 @@ from pathlib import Path
 from fieldmap.currents import divide_currents
 from fieldmap.studies import Carrying, Linked, Number, Uncertain, analyse_tolerances, read_design_problem
 
-# Of the device file's mesh sizes.
+# Divisor of the device file's mesh sizes.
 REFINEMENT = 0.4
 AT = (0.0, 0.0, -0.102)
 
 
 def uncertain_numbers() -> list[Uncertain]:
-    """Key, standard deviation in its unit, and step of differences where bodies change: assumptions of this project for
-    a machine that is turned, milled and wound with usual care."""
-    # What lies on the disk moves up with its thickness, as in the study.
+    """Keys with standard deviations in their units, and steps of differences for keys that change bodies: assumptions
+    of this project for a machine that is turned, milled and wound with usual care."""
+    # Bodies on the disk move up with its thickness, as in the study.
     thickness = read_design_problem("pole_piece").variables[1]
     return [
         *(Uncertain(f"coil.{k}.turns", 4.0) for k in range(1, 7)),

@@ -2,12 +2,12 @@
 
     python scripts/studies/eight_coil_optimum.py [--kept FOLDER]
 
-The machine is `eight_coils` with three numbers free: the radius of the cores, whose windings fill what is left within
-their outer radius by the same wire, and the elevations of both rings of four. Currents I make the force
-F = c grad(B^2)/2 on a bead in the middle, quadratic in I. At a given power P = R I^2 in all coils together the largest
-force along u is P/R times the largest eigenvalue of the matrix of u . F. The smallest of these over all directions is
-the radius of the largest ball within the forces that currents, or currents in turns, can make on average: the isotropic
-force. Iron is linear, and the bead far from saturation. Designs are kept in FOLDER.
+The machine is `eight_coils` with three free numbers: the radius of the cores, with windings of the same wire that fill
+the space up to a fixed outer radius, and the elevations of both rings of four. Currents I exert the force
+F = c grad(B^2)/2 on a bead in the middle, which is quadratic in I. At a given power P = R I^2 of all coils together the
+largest force along u is P/R times the largest eigenvalue of the matrix of u . F. The smallest of these forces over all
+directions is the isotropic force. It is the radius of the largest ball of forces that constant or alternating currents
+can make on average. Iron is linear, and the bead far from saturation. Designs are kept in FOLDER.
 """
 
 import argparse
@@ -25,12 +25,12 @@ from fieldmap.studies import Limit, Number, Optimum, Variable
 # Diameter of the bead, m, and power, W.
 BEAD, POWER = 4e-3, 100.0
 MU0, COPPER = 4e-7 * np.pi, 1.72e-8
-# Of the wire, m^2: 6.5 A/mm^2 at 10 A, as eight_coils has it.
+# Cross section of the wire, m^2: 6.5 A/mm^2 at 10 A, as in eight_coils.
 WIRE = 10 / 6.5e6
-# Degrees between the axes of neighbours, at which their windings are clear of each other: 34.5 mm at 75 mm, and 1 mm.
+# Least angle between the axes of neighbours, degrees, at which 1 mm is between windings of radius 34.5 mm at 75 mm.
 CLEAR = 50.7
 DIRECTIONS = 2000
-# Mesh sizes of the search, and how much finer those of the check are.
+# Refinement of the search, and the factor by which the check is finer.
 COARSE, FINER = 0.5, 2.0
 
 PARAMETERS = """[parameters]
@@ -42,7 +42,7 @@ tilt = 45.0     # of the others
 """
 # Radius and both elevations: the shipped machine, and thin cores.
 STARTS = ((21.0, 0.0, 45.0), (16.0, -5.0, 50.0))
-# Text of the shipped file and what stands in its place.
+# Text of the shipped file -> its replacement.
 EXPRESSIONS = {
     "[material.steel]\n": PARAMETERS,
     "radius_mm = 21.0": 'radius_mm = "= radius"',
@@ -63,7 +63,7 @@ VARIABLES = {"radius": (14.0, 26.0), "level": (-50.0, 30.0), "tilt": (30.0, 65.0
 
 
 def machine() -> str:
-    """The shipped device with its numbers free, as a text."""
+    """Text of the shipped device with free numbers."""
     source = fm.read_device("eight_coils").source
     assert source is not None
     text = source.read_text(encoding="utf-8")
@@ -83,30 +83,30 @@ def directions(count: int = DIRECTIONS) -> np.ndarray:
 
 
 def forces_of_currents(device: Device, state: LinearState) -> np.ndarray:
-    """Matrices (3, c, c), N, of the force on the bead in the middle: of currents of length 1 times the length that the
-    power allows."""
+    """Matrices (3, c, c), N, of the force on the bead in the middle, for unit vectors of currents scaled to the
+    power."""
     field, gradient = state.solution.unit_fields(np.zeros((1, 3)))
-    # F_j = pi d^3/(2 mu0) B . dB/dx_j, of a ball of diameter d much more permeable than air.
+    # F_j = pi d^3/(2 mu0) B . dB/dx_j on a ball of diameter d that is much more permeable than air.
     by_pair = 0.5 * np.pi * BEAD**3 / MU0 * np.einsum("ai,bij->jab", field[:, 0], gradient[:, 0])
     forces = 0.5 * (by_pair + by_pair.swapaxes(1, 2))
     return forces * POWER / resistance_of(device)
 
 
 def resistance_of(device: Device) -> float:
-    """Ohms of each winding."""
+    """Resistance of each winding, ohm."""
     coil = device.coils[0]
     return COPPER * np.pi * (coil.inner_radius + coil.outer_radius) * coil.turns / WIRE
 
 
 def largest_forces(device: Device, state: LinearState) -> np.ndarray:
-    """Largest force (n,), N, along each of the directions at the power, whatever the force across them."""
+    """Largest force (n,), N, along each of the directions at the power, for any force across the direction."""
     along = np.einsum("nj,jab->nab", directions(), forces_of_currents(device, state))
     return np.linalg.eigvalsh(along)[:, -1]
 
 
 def steady_force(device: Device, state: LinearState, starts: int = 20) -> float:
-    """Largest force, N, that steady currents make along the worst of the 26 directions to faces, edges and corners of
-    a cube, without any across it: the best of local searches."""
+    """Largest force, N, of constant currents along the worst of the 26 directions to faces, edges and corners of a
+    cube, without a force across it: the best result of local searches."""
     forces, random = forces_of_currents(device, state), np.random.default_rng(0)
     found = []
     for u in np.array([d for d in np.ndindex(3, 3, 3) if d != (1, 1, 1)]) - 1.0:
@@ -123,12 +123,12 @@ def steady_force(device: Device, state: LinearState, starts: int = 20) -> float:
 
 
 def isotropic_force(device: Device, state: LinearState) -> float:
-    """The smallest of these, N."""
+    """The smallest of `largest_forces`, N."""
     return float(largest_forces(device, state).min())
 
 
 def left_by_saturation(device: Device, state: LinearState) -> float:
-    """Share of the isotropic force that is left where the steel saturates, at the currents that make it."""
+    """Share of the isotropic force that remains with saturating steel, at the same currents."""
     along = np.einsum("nj,jab->nab", directions(), forces_of_currents(device, state))
     values, vectors = np.linalg.eigh(along)
     worst = int(values[:, -1].argmin())
@@ -140,7 +140,7 @@ def left_by_saturation(device: Device, state: LinearState) -> float:
 
 
 def smallest_angle(device: Device, state: LinearState) -> float:
-    """Degrees between the axes of the two windings that are closest."""
+    """Angle between the axes of the two closest windings, degrees."""
     axes = np.array([coil.placement.rotation[:, 2] for coil in device.coils])
     cosine = axes @ axes.T - 2 * np.eye(len(axes))
     return float(np.degrees(np.arccos(cosine.max())))

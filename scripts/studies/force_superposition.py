@@ -1,4 +1,4 @@
-"""How the error of added force formulas grows with the number of electromagnets: docs/theory/force_formulas.md.
+"""Growth of the error of added force formulas with the number of electromagnets: docs/theory/force_formulas.md.
 
 python scripts/studies/force_superposition.py                (half a minute)
 python scripts/studies/force_superposition.py --saturating   (a few minutes: may forces be added at all?)
@@ -46,7 +46,7 @@ def spatial_rows() -> list[str]:
 
 
 def saturating_rows(current: float) -> list[str]:
-    """Forces of single electromagnets, added, against all of them at once, with the B-H curve of Appendix A-3."""
+    """Sum of the forces of single electromagnets against the force of all at once, with the curve of Appendix A-3."""
     device = fm.read_device("drive_unit_a3")
     solver = NonlinearSolver(device, refinement=0.4)
     x = spatial_force.places(HALF_WIDTH)

@@ -1,4 +1,4 @@
-"""Measure forces and inductances against energy differences and against each other: the table of docs/theory/forces.md.
+"""Compare forces and inductances with energy differences and with each other: the table of docs/theory/forces.md.
 
 python scripts/studies/forces_accuracy.py            (a minute; --unit adds the drive unit, some minutes)
 """
@@ -30,7 +30,7 @@ def lifting_magnet(gap: float, mesh_size: float, edge_size: float | None) -> Dev
 
 
 def gap_row(gap: float, mesh_size: float, edge_size: float | None, form: str) -> str:
-    """Force on the bar from charges, from the energy, and what is left of action and reaction."""
+    """Force on the bar from charges and from the energy, and the sum of action and reaction."""
 
     def solved(g: float) -> LinearSolution:
         return fm.solve_linear(lifting_magnet(g, mesh_size, edge_size), form=form)
@@ -47,7 +47,7 @@ def gap_row(gap: float, mesh_size: float, edge_size: float | None, form: str) ->
 
 
 def drive_unit(say: Callable[[str], None]) -> None:
-    """One coil of the drive unit: in air, on its core alone, in the whole unit, beside the measured inductance."""
+    """One coil of the drive unit: in air, on its core alone and in the whole unit, and the measured inductance."""
     device = fm.read_device("drive_unit")
     measured = [1e3 * coil.inductance for coil in device.coils if coil.inductance is not None]
     say(f"measured (thesis Table 3-1): {min(measured):.2f} to {max(measured):.2f} mH")

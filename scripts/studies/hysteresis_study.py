@@ -3,9 +3,9 @@
     python scripts/studies/hysteresis_study.py [--axis x] [--coercive 0 50 100 200 400] [--history demagnetised ...]
 
 Leads the drive unit's currents through the signals of the tables, out and back, with iron of several coercive fields
-and histories, and prints where the magnet stands beside where it was measured. One run of 17 signals takes about half a
-minute of processor time at refinement 0.5 with a constant level, twice as long with the lift held. Prints figures, not
-verdicts; docs/hysteresis_study.md reads them.
+and histories, and prints computed and measured positions. One run of 17 signals takes about half a minute of processor
+time at refinement 0.5 with a constant level, and twice as long with the lift held. docs/hysteresis_study.md discusses
+the figures.
 """
 
 import argparse
@@ -29,7 +29,7 @@ from fieldmap.thesis.printed import read_part  # noqa: E402
 
 @dataclass(frozen=True)
 class Measured:
-    """Signals and positions, mm, of one table: out, and back in the order of rising size of the signal."""
+    """Signals and positions, mm, of one table: out and back, both in the order of rising size of the signal."""
 
     table: str
     signals: np.ndarray
@@ -38,7 +38,7 @@ class Measured:
 
 
 def measured(axis: str, side: str, every: int) -> Measured:
-    """One of Tables 6-4 to 6-7, or every so many of its signals."""
+    """One of Tables 6-4 to 6-7, with every `every`-th signal."""
     inputs = read_part(f"S14_{axis}_branches").inputs
     signals, out, back = (inputs[f"{side}_{what}"][::every] for what in ("signals", "outward_mm", "back_mm"))
     number = {("x", "positive"): 4, ("x", "negative"): 5, ("y", "positive"): 6, ("y", "negative"): 7}[
@@ -48,7 +48,7 @@ def measured(axis: str, side: str, every: int) -> Measured:
 
 
 def run(solver: HysteresisSolver, history: str, table: Measured, protocol: Protocol, parts: int) -> dict:
-    """One run: places in mm counted from where the magnet was at the first signal."""
+    """One run: positions, mm, relative to the position at the first signal."""
     started = time.process_time()
     signals = np.concatenate([table.signals, table.signals[-2::-1]])
     memory = prepared(solver, history, protocol, float(table.signals[-1]))
@@ -65,7 +65,7 @@ def run(solver: HysteresisSolver, history: str, table: Measured, protocol: Proto
 
 
 def show_loops(solver: HysteresisSolver, table: Measured, protocol: Protocol) -> None:
-    """Flux that circulates through opposite cores, and what pushes the magnet, at a constant level, out and back."""
+    """Print the flux through opposite cores and the lateral force on the magnet, at a constant level, out and back."""
     memory = prepared(solver, "demagnetised", protocol, float(table.signals[-1]))
     print(
         f"Hc {solver.pinning.coercive_field:g} A/m, constant level: signal, mean Bz of cores 5 and 2 in T, "
@@ -85,7 +85,7 @@ def row(name: str, values: np.ndarray) -> str:
 
 
 def show(table: Measured, runs: list[dict]) -> None:
-    """The table, and every run below it: out, and back less out."""
+    """Print the table, and every run below it: out, and back less out."""
     print(f"\n{table.table}, mm, counted from where the run began")
     print(row("signal", table.signals))
     print(row("measured, out", table.out - table.out[0]))

@@ -1,4 +1,4 @@
-"""What the estimators of fieldmap.control.identification make of the thesis's vertical loop, by Monte Carlo.
+"""Results of the estimators of fieldmap.control.identification for the thesis's vertical loop, by Monte Carlo.
 
 Prints the tables of docs/theory/identification.md and docs/thesis_identification.md. The plant is (5-17), the
 controller (5-11), the noise is that of Table 3-8; everything else is stated in the tables. Takes a minute or two.
@@ -38,13 +38,13 @@ PLANT, ORDERS = from_roots(-0.03, [0.9935], [1.01, 0.905]), Orders(poles=2, zero
 
 
 def controller(Kc, Td=0.001):
-    """Of negative gain, for the plant of negative gain."""
+    """The controller, with a negative gain for the plant's negative gain."""
     c = pid_transfer_function(Kc, 0.007, Td, TS)
     return transfer_function(-c.numerator, c.denominator)
 
 
 def records(Kc, runs, noise=SENSOR, reference=None, force=0.0, Td=0.001):
-    """Reference (n,), control and measured position (runs, n); an eighth order PRBS of 1 mm unless given."""
+    """Reference (n,), control and measured position (runs, n); by default with a PRBS of order eight and 1 mm."""
     r = pseudo_random_binary(8, samples=4080) if reference is None else reference
     e, d = np.random.default_rng(11).normal(size=(2, runs, r.size))
     pid = PID(Kc, 0.007, Td, TS, integration="trapezoidal", acts_on_minus_error=True)
@@ -89,7 +89,7 @@ def bias_table(runs=20):
 
 
 def recovery_table(runs=100):
-    """The modified least squares with the plant's own structure, and with that of Table 5-1."""
+    """The modified least squares with the plant's own structure, and with the structure of Table 5-1."""
     for Kc in (0.5, 0.15):
         r, u, y = records(Kc, runs)
         direct = modified_least_squares_runs(y, u, ORDERS)
@@ -133,7 +133,7 @@ def locus_table():
 
 
 def newtonian_fits():
-    """Fits of g / (s^2 + d s - c), or with a lag in place of d, to Table 5-2 at K_c = 0.334, 0.2, 0.15."""
+    """Fits of g / (s^2 + d s - c), or with a lag instead of d, to Table 5-2 at K_c = 0.334, 0.2, 0.15."""
     table = {0.334: [0.9743 + 0.0246j], 0.2: [0.9899 + 0.0207j, 0.9896], 0.15: [0.9956 + 0.0167j, 0.9858]}
 
     def misses(x, unit, lagging):

@@ -24,7 +24,7 @@ POINTS, PIECE, ROUNDS = 1_000_000, 1024, 5
 
 
 class _NewNames(ast.NodeTransformer):
-    """a += b becomes a = a + b, which numpy does not do in place."""
+    """a += b becomes a = a + b, so that numpy does not change arrays in place."""
 
     def visit_AugAssign(self, node: ast.AugAssign) -> ast.Assign:
         assert isinstance(node.target, ast.Name)
@@ -33,7 +33,7 @@ class _NewNames(ast.NodeTransformer):
 
 
 def formula_for_numpy() -> Callable[..., tuple[NDArray[np.float64], ...]]:
-    """The kernel's formula, for arrays."""
+    """The kernel's formula as a numpy function of arrays."""
     source = inspect.getsource(cell_field_and_gradient)
     tree = ast.fix_missing_locations(_NewNames().visit(ast.parse(source)))
     tree.body[0].decorator_list = []
@@ -45,7 +45,7 @@ def formula_for_numpy() -> Callable[..., tuple[NDArray[np.float64], ...]]:
 def by_numpy(
     m: FieldMap, currents: NDArray[np.float64]
 ) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
-    """points (n, 3) to (n, 9), a piece at a time."""
+    """A numpy function from points (n, 3) to (n, 9), in pieces."""
     block, of_cell = unit_block(m.at(currents)), formula_for_numpy()
     c = block[map_block.HEADER :].reshape(-1, SIZE)
     lower, inverse, cells, local = (

@@ -2,10 +2,10 @@
 
     python scripts/studies/joint_study.py [--processes 2] [--part variants numerics level reach]
 
-Fits the thickness of the joints, the coercive field and h to Table 6-4 alone; predicts Tables 6-5 to 6-7, 6-2 and 6-3;
-and prints what other joints, disks, histories and meshes make of the same tables, what the level says, and how far the
-magnet gets. Runs are cached in maps/out, so that a killed study goes on. docs/joint_study.md and
-docs/joint_study_variants.md show the results.
+Fits the thickness of the joints, the coercive field and h to Table 6-4 alone, and predicts Tables 6-5 to 6-7, 6-2 and
+6-3. Then prints the same tables with other joints, disks, histories and meshes; the lift at the measured currents for
+several readings of the thesis; and the range of the magnet. Runs are cached in maps/out, so that a killed study can
+continue. docs/joint_study.md and docs/joint_study_variants.md show the results.
 """
 
 import os
@@ -51,13 +51,13 @@ from fieldmap.typing import Array  # noqa: E402
 JOINT, COERCIVE, H = "parameters.joint", "material.steel.coercive_field_A_per_m", "payload.magnet_offset_mm"
 LOWER = "joint.lower.gap_mm"
 DEVIATION = 0.5
-"""Of a place, mm: as much as the fitted model turns out to be off. The thesis states none; its sensors read to 0.01."""
+"""Standard deviation of a position, mm, about the misfit of the fit. The thesis states none; sensors read 0.01 mm."""
 UNKNOWNS = (
     Unknown(JOINT, 0.05, lower=0.001, upper=1.0, step=0.015),
     Unknown(COERCIVE, 200.0, lower=0.0, upper=2000.0, step=40.0),
     Unknown(H, 17.5, lower=1.0, upper=30.0, prior=(17.5, 4.3), step=1.5),
 )
-"""h: uniform from 10 to 25 mm has this mean and deviation."""
+"""Unknowns. The prior of h has the mean and standard deviation of a uniform distribution from 10 to 25 mm."""
 CLOSE = 4e-2
 FIRST = "Table 6-4"
 BRANCHES = ("Table 6-5", "Table 6-6", "Table 6-7")
@@ -67,10 +67,10 @@ SINGLE = ("Table 6-2, n = 1.5", "Table 6-3, 11.5 mm")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Branches(Record):
-    """One of the thesis's tables of places, mm, from where its run began.
+    """One of the thesis's tables of positions, mm, relative to the beginning of its run.
 
-    signals (k,), the first of them 0; out (k,), on the way out; back (k,), on the way back, or None where the table has
-    the way out only. n of (6-3), z_s in mm.
+    signals (k,), of which the first is 0; out (k,), on the way out; back (k,), on the way back, or None if the table
+    has the way out only. n of (6-3), z_s in mm.
     """
 
     name: str
@@ -88,7 +88,7 @@ class Branches(Record):
 
     @property
     def measured(self) -> Array:
-        """Places (m,) in the order of the run but for the first, which is 0."""
+        """Positions (m,) in the order of the run without the first, which is 0."""
         return self.out[1:] if self.back is None else np.concatenate([self.out[1:], self.back[-2::-1]])
 
 
@@ -97,8 +97,8 @@ def _numbers(name: str) -> Array:
 
 
 def tables() -> dict[str, Branches]:
-    """Tables 6-4 to 6-7, and those of 6.2 with one way only: n = 1.5 of Table 6-2, z_s = 11.5 mm of Table 6-3. The
-    latter have no reading at signal 0; that of Table 6-4 stands for it."""
+    """Tables 6-4 to 6-7, and two tables of 6.2 with one way only: n = 1.5 of Table 6-2, z_s = 11.5 mm of Table 6-3.
+    These two have no reading at signal 0 and use the one of Table 6-4."""
     found = {}
     sides: tuple[tuple[int, Axis], ...] = ((4, "x"), (5, "x"), (6, "y"), (7, "y"))
     for number, axis in sides:
@@ -119,41 +119,41 @@ def tables() -> dict[str, Branches]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BranchReadings(Record):
-    """A table as `fieldmap.studies.fit_machine` reads it; `deviation`, mm, is that of one place."""
+    """A table as readings for `fieldmap.studies.fit_machine`. deviation: of one position, mm."""
 
     branches: Branches
     deviation: float
 
     @property
     def name(self) -> str:
-        """Of the table."""
+        """Name of the table."""
         return self.branches.name
 
     @property
     def measured(self) -> Array:
-        """Places, mm."""
+        """Measured positions, mm."""
         return self.branches.measured
 
     def computed(self, device: Device, field: JointedUnit) -> Array:
-        """The same places of a unit."""
+        """The same positions computed for a unit, mm."""
         about = self.branches
         return field.run(about.axis, about.way, about.n, about.z_s).shift[1:]
 
 
 def places_at(of: JointedUnit, axis: Axis, signals: Array, scale: float = 1.0) -> Array:
-    """Places (k,), mm, of the magnet on its way out at z_s = 10 mm, with all currents scaled."""
+    """Positions (k,), mm, of the magnet on its way out at z_s = 10 mm, with all currents scaled."""
     protocol = Protocol(axis, h=of.h, scale=scale)
     memory = prepared(of.solver, of.led.history, protocol, 0.4)
     return 1e3 * walk(of.solver, memory, signals, protocol, of.led.parts).shift(axis)
 
 
 def say(values: Mapping[str, float]) -> None:
-    """One line for every set of values that was computed."""
+    """Print one line for a computed set of values."""
     print("  " + ", ".join(f"{key.split('.')[-1]} {value:.4g}" for key, value in values.items()), flush=True)
 
 
 def fit(processes: int, history: History, refinement: float, predicted: tuple[str, ...]) -> dict[str, Any]:
-    """Joint, coercive field and h from Table 6-4; tables predicted with them."""
+    """Fit joint, coercive field and h to Table 6-4, and predict other tables with the fitted values."""
     known = tables()
     found = fit_machine(
         DEVICE,
@@ -183,13 +183,13 @@ def fit(processes: int, history: History, refinement: float, predicted: tuple[st
 
 
 ENDS = {"both ends": ("lower", "upper"), "disk": ("lower",), "upper plate": ("upper",), "none": ()}
-"""Where joints are -> names of the joints of the device file."""
+"""Ends of the cores with joints -> names of these joints in the device file."""
 LEG_ON_Y = "leg on y"
 
 
 def built(changes: Mapping[str, float], how: str) -> Device:
-    """The unit with other values; `how`: with joints at some ends of the cores only, or with its yoke turned about z so
-    that the leg stands on +y."""
+    """The unit with changed values. how: which ends of the cores have joints, or that the yoke is turned about z so
+    that the leg is at +y."""
     device = read_device(DEVICE, dict(changes))
     if how != LEG_ON_Y:
         return device.replace(joints=tuple(joint for joint in device.joints if joint.name in ENDS[how]))
@@ -199,7 +199,7 @@ def built(changes: Mapping[str, float], how: str) -> Device:
 
 
 def _turned(part: Any) -> Any:
-    """A box, turned by a quarter about z."""
+    """A box, turned by a quarter turn about z."""
     (a, b, c), (x, y, z) = part.shape.size, part.placement.position
     shape = replace(part.shape, size=(b, a, c))
     return replace(part, shape=shape, placement=replace(part.placement, position=(y, -x, z)))
@@ -208,7 +208,7 @@ def _turned(part: Any) -> Any:
 def led(
     changes: dict[str, float], settings: dict[str, Any], how: str, names: tuple[str, ...]
 ) -> dict[str, Any]:
-    """Places, mm, of tables, and level and largest current of a coil, A, at each."""
+    """Computed positions of tables, mm, with the level and the largest coil current at each, A."""
     one, known, found = JointedUnit(built(changes, how), Led(**settings)), tables(), {}
     for name in names:
         about = known[name]
@@ -220,7 +220,7 @@ def led(
 def computed(
     pool: ProcessPoolExecutor, settings: Mapping[str, "Variant"], refinement: float
 ) -> dict[str, Any]:
-    """Variants on the fitted table and the one along y; on all four without joints and with the yoke turned."""
+    """Compute variants for Tables 6-4 and 6-6, and for Tables 6-4 to 6-7 without joints or with a turned yoke."""
     waiting = {
         name: pool.submit(
             led,
@@ -235,7 +235,7 @@ def computed(
 
 
 def show_computed(part: str, found: dict[str, Any]) -> None:
-    """The mean deviations of all variants, and the tables of each."""
+    """Print the RMS deviations of all variants, and the tables of each."""
     names = (FIRST, "Table 6-6")
     print(f"\n{part}: rms of {' and '.join(names)}, mm, of both, and of {BRANCHES[0]} to 6-7", flush=True)
     for name, one in found.items():
@@ -247,14 +247,14 @@ def show_computed(part: str, found: dict[str, Any]) -> None:
 
 
 def rms(found: dict[str, Any], names: tuple[str, ...]) -> float:
-    """Root mean square, mm, of computed less measured places of tables."""
+    """Root mean square, mm, of computed less measured positions of tables."""
     known = tables()
     left = [np.subtract(found[name]["after"], known[name].measured) for name in names]
     return float(np.sqrt(np.mean(np.concatenate(left) ** 2)))
 
 
 Variant = tuple[dict[str, float], dict[str, Any], str]
-"""Changed keys of the device, settings of the run, how it is built."""
+"""Changed keys of the device, settings of the run, and `how` of `built`."""
 
 
 def variants(best: dict[str, Any]) -> dict[str, Variant]:
@@ -290,9 +290,9 @@ def numerics(best: dict[str, Any]) -> dict[str, Variant]:
 
 @dataclass(frozen=True)
 class Reading:
-    """A reading of the thesis that would change its level: changes of the device, and a scale of all currents.
+    """An interpretation of the thesis that would change the level: changes of the device, and a scale of all currents.
 
-    depth: mm by which the magnet lies deeper than the device file has it. without: name of a body that is left out.
+    depth: additional depth of the magnet, mm. without: name of a body that is left out.
     """
 
     words: str
@@ -318,8 +318,8 @@ DEPTHS = np.array([0.0, 5.0, 10.0, 15.0, 20.0])
 
 
 def level(best: dict[str, Any], reading: Reading) -> dict[str, Any]:
-    """Lift over weight at the currents of (7-18), its slope with depth, and places at signals 0.1 and 0.2."""
-    # Some readings put the magnet above the box in which the study looks for equilibria.
+    """Lift over weight at the currents of (7-18), its slope with depth, and positions at signals 0.1 and 0.2."""
+    # Some interpretations put the magnet above the box in which the study searches equilibria.
     hysteresis.UPPER = ABOVE
     changes = dict(best["values"]) | reading.changes
     changes[H] += reading.depth
@@ -333,7 +333,7 @@ def level(best: dict[str, Any], reading: Reading) -> dict[str, Any]:
 
 
 def reached(best: dict[str, Any], axis: Axis, sign: float, z_s: float) -> float:
-    """How far the magnet gets, mm."""
+    """Range of the magnet to one side, mm."""
     of = JointedUnit(read_device(DEVICE, best["values"]), Led(best["history"], refinement=best["refinement"]))
     return reach(of, axis, sign, z_s, LARGEST_CURRENT, LARGEST_SIGNAL[axis])
 
@@ -344,7 +344,7 @@ def row(name: str, values: Any) -> str:
 
 
 def show(found: dict[str, Any], names: tuple[str, ...], words: str, scale: float = 1.0) -> None:
-    """Tables, computed below measured: on the way out, and back less out."""
+    """Print tables, computed below measured: on the way out, and back less out."""
     known = tables()
     for name in names:
         about, computed = known[name], np.append(0.0, found[name]["after"])
@@ -360,7 +360,7 @@ def show(found: dict[str, Any], names: tuple[str, ...], words: str, scale: float
 
 
 def show_fit(one: dict[str, Any]) -> None:
-    """The values of a fit, with errors scaled by its misfit."""
+    """Print the values of a fit, with errors scaled by its misfit."""
     scale = max(1.0, one["misfit"])
     words = [
         f"{key.split('.')[-1]} {value:.3g} +- {scale * one['deviations'][key]:.2g}"
@@ -373,7 +373,7 @@ def show_fit(one: dict[str, Any]) -> None:
 
 
 def show_level(found: dict[str, Any]) -> None:
-    """The readings below what was measured."""
+    """Print the interpretations below the measured values."""
     print(
         "\nLift over weight at the currents of (7-18), its slope at 10 mm, places at signals 0.1, 0.2 of x and y, mm"
     )
@@ -389,7 +389,7 @@ def show_level(found: dict[str, Any]) -> None:
 
 
 def show_limit(found: dict[str, Any]) -> None:
-    """The signal at which a coil reaches the amplifier's limit."""
+    """Print the signal at which a coil reaches the amplifier's limit."""
     for name, one in found.items():
         signals, largest = tables()[name].signals, one["largest"]
         k = int(np.clip(np.searchsorted(largest, LARGEST_CURRENT), 1, len(signals) - 1))
@@ -410,7 +410,7 @@ REACHES: dict[str, tuple[float, Axis, float]] = {
 
 
 def reaches(pool: ProcessPoolExecutor, best: dict[str, Any]) -> dict[str, Any]:
-    """Both sides of every range."""
+    """Compute both sides of every range."""
     waiting = {
         name: [pool.submit(reached, best, axis, sign, z_s) for sign in (1.0, -1.0)]
         for name, (_, axis, z_s) in REACHES.items()
@@ -419,7 +419,7 @@ def reaches(pool: ProcessPoolExecutor, best: dict[str, Any]) -> dict[str, Any]:
 
 
 def show_reach(found: dict[str, Any]) -> None:
-    """Ranges beside those of 7.2.3."""
+    """Print the computed ranges and the ranges of 7.2.3."""
     print("\nRange, mm, to both sides and together; 7.2.3 in brackets")
     for name, sides in found.items():
         measured = REACHES[name][0]
@@ -447,7 +447,7 @@ def main() -> None:
         scale = max(1.0, best["misfit"])
         print(f"\nPredicted; +- from the errors of the fit, times its misfit of {scale:.1f}")
         show(best["tables"], BRANCHES, "predicted", scale)
-        # What the shipped device has.
+        # Rounded as in the shipped device.
         best["values"] = {key: float(f"{value:.3g}") for key, value in best["values"].items()}
         how = {"history": best["history"], "refinement": best["refinement"]}
         single = [pool.submit(led, best["values"], how, "both ends", (name,)) for name in SINGLE]

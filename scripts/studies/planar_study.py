@@ -1,4 +1,4 @@
-"""What walls, elements and saturation do to the planar drive units: tables of docs/theory/planar.md and
+"""Effect of walls, elements and saturation on the planar drive units: tables of docs/theory/planar.md and
 docs/thesis_models.md."""
 
 from dataclasses import replace
@@ -35,7 +35,7 @@ PANELS = (0.01, 0.005, 0.0025)
 
 
 def equilibria(device: PlanarDevice, size: float) -> str:
-    """Rightmost stable points at 100 mm for three ratios of the currents, and the gradient for equal ones."""
+    """Rightmost stable points at 100 mm for three ratios of the currents, and the gradient for equal currents."""
     unit = solve_planar(device, size)
     places = [
         [p.x for p in stationary_points(unit, pair, -0.1, -WINDOW, WINDOW) if p.stable][-1] for pair in RATIOS

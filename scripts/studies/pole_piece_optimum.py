@@ -1,10 +1,10 @@
-"""The drive unit's pole disk, optimised, beside the twelve disks of the study `pole_disk`: docs/optimise.md.
+"""Optimisation of the drive unit's pole disk, against the twelve disks of the study `pole_disk`: docs/optimise.md.
 
     python scripts/studies/pole_piece_optimum.py [--kept FOLDER]
 
-First as the study has it, from three starts: radius 56 to 88 mm, thickness 3 to 12 mm, the smallest equilibrium area
-with equal currents that carry. Then the shipped problem `pole_piece`: radius from 42 mm on, at most 3.3 A. Last a
-demand that no disk meets. Designs are kept in FOLDER; a second run prints the same table and solves nothing.
+First the problem of the study, from three starts: radius 56 to 88 mm, thickness 3 to 12 mm, the smallest equilibrium
+area with equal currents that carry the weight. Then the shipped problem `pole_piece`: radius from 42 mm on, at most
+3.3 A. Last a demand that no disk meets. Designs are kept in FOLDER; a second run prints the same table without solves.
 """
 
 import argparse
@@ -24,15 +24,15 @@ from fieldmap.studies import (
 STARTS = ((66.0, 6.0), (80.0, 10.0), (60.0, 3.5))
 # Best of the twelve: 56 mm, 6 mm (docs/studies.md).
 BEST_OF_TWELVE = (56.0, 6.0)
-# Of the search without a limit: relative change of the area.
+# Tolerance of the search without a limit, as a relative change of the area.
 TOLERANCE = 1e-3
-# A, that no disk lifts with, and designs that may be solved to find that out.
+# Current limit, A, at which no disk carries the weight; and largest number of designs for that search.
 TOO_LITTLE, DESIGNS = 3.0, 25
 
 
 def as_in_the_study(problem: DesignProblem) -> DesignProblem:
-    """The shipped problem within the ranges of the study, without the limit. All cores stand on the disk there, which
-    makes all derivatives exact."""
+    """The shipped problem within the ranges of the study, without the limit. In these ranges all cores stand on the
+    disk, which makes all derivatives exact."""
     ranges = [[float(value) for value in axis.values] for axis in read_study("pole_disk").axes]
     variables = tuple(
         replace(one, lower=min(values), upper=max(values))
@@ -48,7 +48,7 @@ def begun_at(problem: DesignProblem, start: tuple[float, float]) -> DesignProble
 
 
 def until_better(found: Optimum, area: float) -> int:
-    """How many designs were solved until one had a smaller area."""
+    """Number of solved designs up to the first with a smaller area; 0 if there is none."""
     areas = [step.numbers.get(found.objective, area) for step in found.path]
     return next((k for k, one in enumerate(areas, 1) if one < area), 0)
 
@@ -64,7 +64,7 @@ def row(name: str, start: tuple[float, float], found: Optimum) -> str:
 
 
 def from_three_starts(shipped: DesignProblem, folder: Path) -> None:
-    """Beside the best of the twelve, in its own objective."""
+    """Optimise the objective of the study from three starts, and compare with the best of the twelve."""
     problem = as_in_the_study(shipped)
     twelve = replace(begun_at(problem, BEST_OF_TWELVE), solves=1)
     best = solve_problem(twelve, folder / "best_of_twelve.nc")
@@ -84,7 +84,7 @@ def from_three_starts(shipped: DesignProblem, folder: Path) -> None:
 
 
 def with_a_limit(shipped: DesignProblem, folder: Path) -> None:
-    """The shipped problem, and one that no disk meets."""
+    """Solve the shipped problem, and a problem with a limit that no disk meets."""
     target = folder / "pole_piece.nc"
     found = solve_problem(begun_at(shipped, STARTS[0]), target)
     print(row("at most 3.3 A", STARTS[0], found))

@@ -1,11 +1,11 @@
-"""Pole pieces judged by what a controlled magnet does below them: sway and noise in closed loop (thesis 8.2).
+"""Pole pieces compared by the motion of a controlled magnet below them: sway and noise in closed loop (thesis 8.2).
 
     python scripts/studies/pole_piece_sway.py                       radii of the shipped study, 6 mm thick, linear iron
     python scripts/studies/pole_piece_sway.py --disks 66,6 56,4.65 48.84,5.31    these radii and thicknesses, mm
     python scripts/studies/pole_piece_sway.py --refinement 0.7
 
-Variants and the equilibrium area are those of `fieldmap study pole_disk`; every variant is solved once with linear iron
-on a coarse mesh, mapped around the magnet, and put under the PID of the thesis and the regulator of all axes.
+Variants and equilibrium area are those of `fieldmap study pole_disk`. Every variant is solved once with linear iron on
+a coarse mesh, mapped around the magnet, and simulated with the PID of the thesis and with the regulator of all axes.
 """
 
 import argparse
@@ -28,7 +28,7 @@ from fieldmap.studies.equilibrium_area import equilibrium_area
 
 _LOWER, _UPPER, _SPACING = np.array([-0.009, -0.009, -0.114]), np.array([0.009, 0.009, -0.090]), 0.003
 _AT = np.array([0.0, 0.0, -0.102])
-# A push from the side without the block; no noise of the field, that of the sensors.
+# A push from the side without the block; no noise of the field, but noise of the sensors.
 _PUSHED = {
     "duration_s": 8.0,
     "start.depth_mm": 10.0,
@@ -41,7 +41,7 @@ _PUSHED = {
 
 
 def small_map(device, refinement):
-    """The device's coils with linear iron, around the magnet at a sensor reading of 10 mm."""
+    """Map of the device's coils with linear iron, around the magnet at a sensor reading of 10 mm."""
     unit = solve_linear(device, refinement=refinement)
     counts = np.round((_UPPER - _LOWER) / _SPACING).astype(int) + 1
     grid = Grid(_LOWER, [_SPACING] * 3, tuple(counts))
@@ -58,8 +58,8 @@ def small_map(device, refinement):
 
 
 def judged(opened, scale):
-    """Sway of the regulator and of the thesis's PID on a map whose field is scaled so that 1.56 A lift: free frequency,
-    Hz, largest distance after a push, um, RMS at rest, um; seconds until the PID lost the magnet."""
+    """Sway on a map with its field multiplied by `scale`: natural frequency, Hz; with the regulator the largest
+    distance after a push and the RMS at rest, um; with the thesis's PID the largest distance, um, and the end, s."""
     changes = {**_PUSHED, "field.scale": scale}
     experiment = prepare(read_scenario("without_block", changes), opened)
     sway = [
@@ -80,7 +80,7 @@ Disk = tuple[float, float, Device, float]
 
 
 def disks_of(study: Study) -> Iterator[Disk]:
-    """Radius and thickness, mm, device, and the share of the force that its area is measured by, of each variant."""
+    """Radius and thickness, mm, device, and force share that defines the equilibrium area, of each variant."""
     for variant in study.variants:
         values = {axis.name: axis.values[k] for axis, k in zip(study.axes, variant.place, strict=True)}
         yield values["radius"], values["thickness"], device_of(variant.document), study.record.force_share
@@ -92,7 +92,7 @@ def of_the_study(thickness: float) -> list[Disk]:
 
 
 def others(wanted: Sequence[str]) -> Iterator[Disk]:
-    """Disks of other radii and thicknesses: each the only variant of a study that is otherwise the shipped one."""
+    """Disks of other radii and thicknesses, each as the only variant of the shipped study."""
     shipped = read_study("pole_disk").path.read_text(encoding="utf-8")
     with tempfile.TemporaryDirectory() as folder:
         for sizes in wanted:
@@ -130,7 +130,7 @@ def main() -> None:
         try:
             rest = find_equilibrium(opened, currents=lift.currents, payload=device.payload, start=_AT)
             area = 1e6 * equilibrium_area(opened, rest, device.payload, force_share)
-        except Exception as error:  # a study records why, and goes on
+        except Exception as error:  # as a study does: report the error and continue
             print(f"  no area: {error}")
             area = np.nan
         sway, peak, rms, wide, until = judged(opened, float(lift.currents.max()) / 1.558)

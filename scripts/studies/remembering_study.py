@@ -2,13 +2,13 @@
 
     python scripts/studies/remembering_study.py [--only gains branches steps rests identified rows bars pictures]
 
-The map of maps/remembering.toml is used with its memory and without (the same model, its cells taken away). gains: how
-far the magnet goes and how much more it is pulled, by the size of a loop of a signal. branches: Tables 6-4 to 6-7 by
-the map and by the full solver. steps: Tables 7-1 and 7-2. rests: of x under PD control, 6.5. identified: Table 5-2 and
-the integral times of 6.7 from steps of the unit. rows: other parts of `fieldmap thesis` on the unit. bars: standard
-deviations of gains and steps from those of the three fitted numbers; takes the map of another joint,
+The map of maps/remembering.toml is used with its memory and without (the same model without its cells). gains: shift
+and lift of the magnet per unit of a signal, over the size of a loop. branches: Tables 6-4 to 6-7 by the map and by the
+full solver. steps: Tables 7-1 and 7-2. rests: rest positions under PD control, 6.5. identified: Table 5-2 and the
+integral times of 6.7 from steps of the unit. rows: other parts of `fieldmap thesis` on the unit. bars: standard
+deviations of gains and steps from those of the three fitted numbers; needs the map of another joint,
 `fieldmap map remembering --set parameters.joint=0.137 -o maps/out/remembering_joint.h5`. pictures: into a folder.
-Prints figures, not verdicts; docs/remembering_study.md reads them.
+docs/remembering_study.md discusses the figures.
 """
 
 import argparse
@@ -34,7 +34,7 @@ CONSOLE = Console(width=150)
 AMPLITUDES = (0.005, 0.02, 0.05, 0.1, 0.2)
 LEVEL_LOOPS = (0.001, 0.006, 0.02, 0.06, 0.12)
 DERIVATIVES, NOISES = ("measurement", "error"), {"with memory": (1.0, 0.2, 0.0), "without": (1.0,)}
-"""Noise, a share of that of Table 3-8, matters to iron with memory alone."""
+"""Factors of the noise of Table 3-8. Iron without memory needs one only, because noise does not change its results."""
 PARTS = (
     "S18_spikes",
     "S18_combined",
@@ -47,7 +47,7 @@ PARTS = (
 
 @dataclass(frozen=True)
 class Given:
-    """Of the command line."""
+    """Arguments of the command line."""
 
     map: str
     joint_map: str
@@ -61,8 +61,8 @@ class Given:
 
 
 def gains(given: Given) -> None:
-    """Slopes between the ends of the second of two loops of each size, after the history "shaken"; and from the start
-    to a signal on the first way out, as in Tables 6-4 and 6-6."""
+    """Print slopes between the ends of the second of two loops of each size, after the history "shaken"; and from the
+    start to a signal on the first way out, as in Tables 6-4 and 6-6."""
     both = given.both
     for axis in places.AXES:
         table = Table("loop of the signal", *both, title=f"{axis} of the magnet, mm per unit of its signal")
@@ -80,7 +80,7 @@ def gains(given: Given) -> None:
 
 
 def branches(given: Given) -> None:
-    """Places along Tables 6-4 to 6-7 with the lift held: map, full solver, largest difference."""
+    """Print the largest difference between map and full solver along Tables 6-4 to 6-7, with the lift held."""
     one = unit(given.map)
     solver = HysteresisSolver(one.device, None, places.REFINEMENT)
     table = Table(
@@ -94,8 +94,8 @@ def branches(given: Given) -> None:
 
 
 def steps(given: Given) -> None:
-    """Tables 7-1 and 7-2, by the noise of the sensors and by what the controllers differentiate: means of some runs,
-    and the standard deviation from run to run."""
+    """Print Tables 7-1 and 7-2 for several noises of the sensors and both derivatives of the controllers: means of some
+    runs, and their standard deviations."""
     for step in experiments.STEPS:
         table = Table("iron", "derivative of", "noise", *experiments.FIGURES, title=step.name)
         table.add_row("rig", "", "", *(f"{number:.3g}" for number in step.rig))
@@ -103,7 +103,7 @@ def steps(given: Given) -> None:
             for derivative in DERIVATIVES:
                 for noise in NOISES[name]:
                     found = experiments.step_figures(replace(one, derivative=derivative, noise=noise), step)
-                    # A run that does not settle has an infinite settling time, and its spread is none.
+                    # The settling time of a run that does not settle is infinite, and its deviation NaN.
                     with np.errstate(invalid="ignore"):
                         mean, spread = found.mean(axis=0), found.std(axis=0)
                     row = (f"{m:.3g} ({s:.1g})" for m, s in zip(mean, spread, strict=True))
@@ -112,7 +112,7 @@ def steps(given: Given) -> None:
 
 
 def rests(given: Given) -> None:
-    """Where PD control lets the magnet rest on a way of 6.5, mm, by the noise."""
+    """Print rest positions under PD control on the path of 6.5, mm, for several noises."""
     asked = [f"{place:g}" for place in experiments.ASKED.values()]
     for axis, rig in experiments.RESTS.items():
         title = f"{axis} under PD control, asked to go to 1 mm, to -1 mm and back by steps of 0.1 mm"
@@ -126,7 +126,7 @@ def rests(given: Given) -> None:
 
 
 def identified(given: Given) -> None:
-    """Table 5-2, and the integral times of 6.7, from steps of the unit."""
+    """Print Table 5-2 and the integral times of 6.7, from steps of the unit."""
     table = Table(
         "iron", "derivative of", "K_c, V/mm", "slowest pair", "zero", title="(5-15) by the thesis's estimator"
     )
@@ -142,20 +142,20 @@ def identified(given: Given) -> None:
 
 
 def rows(given: Given) -> None:
-    """Parts of `fieldmap thesis` on the unit, derivative of the measurement, noise of Table 3-8."""
+    """Print parts of `fieldmap thesis` on the unit, with the derivative of the measurement and Table 3-8's noise."""
     both = given.both
     for part in given.parts:
         table = Table("quantity", "thesis", *both, title=part)
         found = [list(experiments.rows(one, part)) for one in both.values()]
         for pair in zip(*found, strict=False):
-            # Words that differ stand in the order of the columns.
+            # Different words of the columns are both shown, in the order of the columns.
             words = " | ".join(dict.fromkeys(text for text, *_ in pair))
             table.add_row(words, f"{pair[0][1]:.4g}", *(f"{number:.4g}" for *_, number in pair))
         CONSOLE.print(table)
 
 
 def bars(given: Given) -> None:
-    """Standard deviations of predictions from those of joint, coercive field and h."""
+    """Print standard deviations of predictions from those of joint, coercive field and h."""
     each = fit_bars.units(given.map, given.joint_map)
     CONSOLE.print("factor on the force:", {name: round(float(one.scale), 3) for name, one in each.items()})
     found = fit_bars.covariance(each)
@@ -179,7 +179,7 @@ def _show_bars(
 
 
 def draw(given: Given) -> None:
-    """Both pictures of the page."""
+    """Draw both pictures of the page."""
     for path in pictures.draw(given.both, given.folder):
         CONSOLE.print(path)
 
@@ -197,7 +197,7 @@ GROUPS: dict[str, Callable[[Given], None]] = {
 
 
 def main() -> None:
-    """Print the tables that are asked for."""
+    """Print the selected tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", nargs="+", choices=list(GROUPS), default=list(GROUPS))
     parser.add_argument("--map", default="maps/out/remembering.h5")

@@ -1,10 +1,10 @@
-"""Memory and time of the iron solver against the number of faces: the table of docs/theory/iron_fast.md, "Compression".
+"""Memory and time of the iron solver over the number of faces: the table of docs/theory/iron_fast.md, "Compression".
 
     python scripts/studies/scaling.py [--device NAME] [--refinements R ...] [--storage auto|dense|compressed]
 
-One process per refinement, so that the peak of memory is its own. Seconds are of processor time, all threads together
+Each refinement runs in a process of its own, for its peak of memory. Seconds are processor time of all threads together
 (wall time of the whole run in brackets); errors are the largest relative deviations of Bz and of dBz/dz from the
-references of the device file. About a quarter of an hour on two free cores.
+references of the device file. The whole study takes about a quarter of an hour on two free cores.
 """
 
 import argparse
@@ -35,7 +35,7 @@ HEAD = (
 
 
 class Clock:
-    """Processor seconds since the last look."""
+    """Processor seconds since the last call."""
 
     def __init__(self) -> None:
         self._last = time.process_time()
@@ -66,7 +66,7 @@ def deviations(device: Device, faces, density) -> tuple[float, float]:
 
 
 def warm_up() -> None:
-    """Load the compiled kernels, so that they are not part of the first figures."""
+    """Load the compiled kernels, so that loading is not part of the first figures."""
     device = fm.read_device("loop_and_sphere")
     fm.solve_linear(device, refinement=0.5)
     CompressedMutualPotential(assemble(generate_mesh(device, 0.5)).surface)

@@ -1,12 +1,12 @@
-"""What saturating iron costs: assembly, first and neighbouring state, tangents, a linear unit; and a whole map, stage
-by stage; for two versions in turn.
+"""Time of saturating iron: assembly, first and neighbouring state, tangents, a linear unit, and a whole map by stages;
+for two versions in turn.
 
     python scripts/studies/state_speed.py                              # this checkout
     python scripts/studies/state_speed.py --before ../before           # beside another one, in the same sitting
     python scripts/studies/state_speed.py --before ../before --map     # and a map over the currents of the division
 
-Each figure is the least of some runs, a map's of one: seconds of the clock and of the processors. Kernels are compiled
-before. Run it on a quiet machine; the ratio of two versions means more than the seconds.
+Figures are wall and processor seconds, the least of some runs, or of one run for a map. Kernels are compiled before the
+measurement. Run it on a quiet machine; the ratio of two versions means more than the seconds.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[2]
-# At what all coils carry, and at two neighbours: a little more in all, and some up, some down by up to a seventh.
+# Currents of the first state, and of two neighbours: slightly more in all coils, and up or down by up to a seventh.
 FIRST = (1.5, 1.5, 1.5, 1.5, 1.5, 1.5)
 MORE = (1.6, 1.6, 1.6, 1.6, 1.6, 1.6)
 OTHERS = (1.7, 1.5, 1.3, 1.6, 1.4, 1.5)
@@ -30,7 +30,7 @@ MEASURED = (
     "tangents along three signals",
     "linear unit, seven coils",
 )
-# What a run says, by a part of it, and the stage that this begins. What is not listed belongs to the stage before.
+# Part of a progress message -> stage that begins with it. Other messages belong to the present stage.
 STAGES = {
     "geometry": "map: assembly",
     "choosing states": "map: choice of states",
@@ -44,7 +44,7 @@ STAGES = {
     "field at the nodes": "map: fields at the nodes",
     "certifying": "map: certificate",
 }
-# Read by both versions: the currents of the thesis, over a part of what the unit can carry.
+# Recipe for both versions: the division of the thesis, over a part of the currents that the unit can carry.
 RECIPE = """
 format = 1
 title = "Map of two versions"
@@ -139,12 +139,12 @@ print(json.dumps(found))
 
 
 def measured(package: Path, refinement: float, runs: int) -> dict[str, tuple[float, float]]:
-    """Seconds of the clock and of the processors, by name, of the package in a checkout."""
+    """Wall and processor seconds, by name, of the package in a checkout."""
     return _run(package, CHILD, [FIRST, MORE, OTHERS, refinement, runs])
 
 
 def measured_map(package: Path, refinement: float) -> dict[str, tuple[float, float]]:
-    """The same of the stages of a map."""
+    """Wall and processor seconds of the stages of a map, by name."""
     recipe = RECIPE.format(refinement=refinement, states=60, held_out=20, accuracy=1.2e-3)
     quick = RECIPE.format(refinement=0.4 * refinement, states=6, held_out=2, accuracy=0.5)
     return _run(package, OF_MAP, [recipe, quick, STAGES])
@@ -152,7 +152,7 @@ def measured_map(package: Path, refinement: float) -> dict[str, tuple[float, flo
 
 def _run(package: Path, program: str, given: list[Any]) -> dict[str, tuple[float, float]]:
     environment = os.environ | {"PYTHONPATH": str(package.resolve())}
-    # Without -P the folder in which it runs would come before the checkout.
+    # Without -P the current folder would come before the checkout on the path.
     command = [sys.executable, "-P", "-c", program, json.dumps(given)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     return {name: (wall, processor) for name, (wall, processor) in json.loads(done.stdout).items()}

@@ -1,10 +1,10 @@
-"""The surface form beside both volume forms: error over processor time on open, closed and shielding cases.
+"""The surface form compared with both volume forms: error over processor time on open, closed and shielding cases.
 
     OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python scripts/studies/surface_form.py [CASE ...]
 
-Cases: sphere, pair, shell, cube, disk, spool, window, barrier, unit. With one thread processor seconds mean something
-on a busy machine; they hold everything from the device to a solution, the mesh included. Each form is solved once on a
-small body first, so that nothing is compiled while the clock runs.
+Cases: sphere, pair, shell, cube, disk, spool, window, barrier, unit. With one thread processor seconds are meaningful
+on a busy machine; they include everything from the device to a solution, with the mesh. Each form first solves a small
+body, so that the timing includes no compilation.
 """
 
 import sys
@@ -56,7 +56,7 @@ def moment_error(exact: float) -> Error:
 
 
 def sphere(size: float) -> tuple[Device, Error]:
-    """Open, mu_r 1000."""
+    """An open case: a sphere, mu_r 1000."""
     body = Body("ball", "iron", (Part(Sphere(RADIUS)),), size * RADIUS)
     return in_field(body, 1000.0), moment_error(4 * np.pi * 999 / 1002 * RADIUS**3)
 
@@ -84,7 +84,7 @@ PAIR = 1.154800787736
 
 
 def shell(size: float) -> tuple[Device, Error]:
-    """Shield, a/b = 0.8, mu_r 1000: the field in the hollow is 1/40 of that applied (Jackson 5.121)."""
+    """Shield, a/b = 0.8, mu_r 1000: the field in the hollow is 1/40 of the applied field (Jackson 5.121)."""
     mu, ratio = 1000.0, 0.8
     parts = (Part(Sphere(RADIUS)), Part(Sphere(ratio * RADIUS), operation="cut"))
     exact = 9 * mu / ((2 * mu + 1) * (mu + 2) - 2 * ratio**3 * (mu - 1) ** 2)
@@ -97,13 +97,13 @@ def shell(size: float) -> tuple[Device, Error]:
 
 
 def cube(size: float) -> tuple[Device, Error]:
-    """Sharp edges and corners, mu_r 1e8 for infinity (Helsing and Perfekt 2013)."""
+    """A cube with sharp edges and corners, mu_r 1e8 for infinity (Helsing and Perfekt 2013)."""
     body = Body("cube", "iron", (Part(Box((1.0, 1.0, 1.0))),), size, 0.25 * size**2)
     return in_field(body, 1e8), moment_error(3.644305190268)
 
 
 def barrier(size: float) -> tuple[Device, Error]:
-    """The same cube without permeability, 1e-4; the exact value is that for 0 to 1e-4."""
+    """The same cube with mu_r 1e-4; the reference is the exact value at mu_r 0, which differs by about 1e-4."""
     body = Body("cube", "iron", (Part(Box((1.0, 1.0, 1.0))),), size, 0.25 * size**2)
     return in_field(body, 1e-4), moment_error(-1.638415711)
 
@@ -147,7 +147,7 @@ WINDOW = 0.018732
 
 
 def unit(size: float) -> tuple[Device, Error]:
-    """The drive unit with yoke, mu_r 4000: B of all coils in the workspace against the potential form on the same
+    """The drive unit with yoke, mu_r 4000: B of all coils in the workspace against the potential form on the same mesh
     sizes."""
     device = fm.read_device("drive_unit_a3")
     x, y, z = (np.linspace(low, high, 5) for low, high in zip(*device.bounds, strict=True))

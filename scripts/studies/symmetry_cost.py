@@ -1,8 +1,8 @@
-"""What the symmetry of the iron saves: processor seconds and memory with and without it, in one run.
+"""Savings by the symmetry of the iron: processor seconds and memory with and without it, in one run.
 
     OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python scripts/studies/symmetry_cost.py [DEVICE ...]
 
-With one thread processor seconds mean something on a busy machine.
+With one thread processor seconds are meaningful on a busy machine.
 """
 
 import sys

@@ -2,8 +2,8 @@
 
     python scripts/studies/tolerance_study.py [NAME ...]
 
-Names, or parts of them, choose devices (`scripts/validation/tolerance_devices.py`). Runs that stop short are followed
-by what they say.
+Names, or parts of them, choose devices (`scripts/validation/tolerance_devices.py`). The message of a run that does not
+reach the tolerance follows its line.
 """
 
 import sys

@@ -22,7 +22,7 @@ from validation.row import Array, Row, timed
 
 REFERENCES = Path(__file__).parents[2] / "tests" / "reference"
 WORDS = {"disk": "disk", "diskcore": "disk, core", "spool": "disk, core, plate"}
-# The open circuits, and the one with two plates and a gap between them.
+# Bounds for the open circuits, and for the circuit of two plates with a gap between them.
 BOUNDS = {"disk": (1e-3, 2e-3), "diskcore": (1e-3, 2e-3), "spool": (2e-3, 3e-3)}
 LINEAR = (
     ("disk", 1000),
@@ -56,7 +56,7 @@ def linear() -> Iterator[Row]:
 
 
 def linear_case(case: str, mu_r: int) -> tuple[Device, Callable[[LinearSolution], tuple[float, float]]]:
-    """A device of the reference, and what gives the errors of its solution: of B and of the gradient."""
+    """A device of the reference, and a function from its solution to the errors of B and of the gradient."""
     points, exact = _reference("axisymmetric.csv", f"{case},{mu_r}")
 
     def errors(unit: LinearSolution) -> tuple[float, float]:
@@ -67,7 +67,7 @@ def linear_case(case: str, mu_r: int) -> tuple[Device, Callable[[LinearSolution]
 
 
 def saturated() -> Iterator[Row]:
-    """Disk and core of saturating iron, each state from the one before."""
+    """Disk and core of saturating iron; each state starts from the one before."""
     source = "axisymmetric finite elements, 1e-4 and 3e-4 (tests/reference/axisymmetric_saturated.csv)"
     solver, state = NonlinearSolver(on_one_axis("diskcore", _analytic_law())), None
     for ampere_turns in (4200, 12600, 33600):
@@ -126,7 +126,7 @@ def _reference(file: str, case: str) -> tuple[Array, Array]:
 
 
 def _errors(b: Array, g: Array, exact: Array) -> tuple[float, float]:
-    """Largest error of each column by its own largest value: worst of B, worst of the gradient."""
+    """Largest error of each column over its own largest value: the worst of B, and the worst of the gradient."""
     ours = np.column_stack([b[:, 2], b[:, 0], g[:, 2, 2], g[:, 0, 2]])[:, : exact.shape[1]]
     error = np.abs(ours - exact).max(axis=0) / np.abs(exact).max(axis=0)
     return float(error[:2].max()), float(error[2:].max())

@@ -1,4 +1,4 @@
-"""Spheres, a shell, cylinders and a sphere under a coil: fields that a formula gives."""
+"""Spheres, a shell, cylinders and a sphere under a coil: fields in closed form."""
 
 from collections.abc import Iterator
 
@@ -23,7 +23,7 @@ AXIAL_FACTOR = {1.0: 0.3116, 0.2: 0.6802}
 
 
 def spheres() -> Iterator[Row]:
-    """A sphere in a uniform field: outside, a dipole. Errors relative to the local field."""
+    """A sphere in a uniform field, which is a dipole outside. Errors are relative to the local field."""
     iron = _assembled(Body("ball", "iron", (Part(Sphere(RADIUS)),), 0.007))
     distance = np.linalg.norm(OUTSIDE, axis=1)[:, None]
     unit = (3 * OUTSIDE * OUTSIDE[:, 2:] / distance**2 - UP) * (RADIUS / distance) ** 3
@@ -97,7 +97,7 @@ def cylinders() -> Iterator[Row]:
 
 
 def sphere_and_coil() -> Iterator[Row]:
-    """The shipped device whose file holds a Legendre series."""
+    """The shipped device with reference values from a Legendre series in its file."""
     for form in FORMS:
         yield from device_file("loop_and_sphere", 1000.0, form, 1e-3, 1e-3)
 

@@ -1,7 +1,7 @@
-"""Energy that voltages put into coils of saturating iron beside a magnet that swings: heat, field energy and work.
+"""Energy balance of coils on saturating iron near a swinging magnet: electrical input, heat, field energy and work.
 
-The C core steps the coils and the magnet, and adds up what they are given and the heat. The field energy is that of the
-map's reduced model, solved here in numpy.
+The C core steps the coils and the magnet, and adds up the input energy and the heat. The field energy is computed from
+the map's reduced model, solved here in numpy.
 """
 
 from dataclasses import dataclass
@@ -19,14 +19,14 @@ from fieldmap.typing import Array
 
 STEP, TIME, EVERY = 1e-4, 10.0, 500
 MOMENT, INERTIA, LEAN = 0.813, 1e-6, 0.3
-"""A m^2, kg m^2, rad: of a magnet on a ball bearing, which the field turns upright."""
+"""Moment, A m^2, inertia, kg m^2, and initial tilt, rad, of a magnet that only turns, towards upright."""
 SWAY, RATE = 6.0, 40.0
-"""V and rad/s, of the voltages about those that keep the currents."""
+"""Amplitude, V, and angular frequency, rad/s, of the voltages about constant ones."""
 
 
 @dataclass(frozen=True)
 class Balance:
-    """J: largest miss of the balance, energy put in, range of the field energy, and range of the magnet's energy."""
+    """Energies, J: largest error of the balance, input, range of the field energy, range of the kinetic energy."""
 
     miss: float
     given: float
@@ -35,9 +35,9 @@ class Balance:
 
 
 def balance(opened: FieldMap, ohms: float, level: float, step: float = STEP, time: float = TIME) -> Balance:
-    """Of coils at a level of currents, A, whose voltages sway."""
+    """Balance of coils with voltages that oscillate about those of a current level, A."""
     n, place = len(opened.coil_names), np.mean(opened.bounds, axis=0)
-    # So heavy that it stays where it is.
+    # A mass so large that the body does not move.
     body = RigidBody(1e9, [INERTIA] * 3, MagneticBody.dipole([0, 0, MOMENT]), gravity=0.0)
     amplifier = Amplifier(1.0, current_lower=-1e9, current_upper=1e9)
     drive = CoilDrive(amplifier, n, resistance=ohms, mode="voltage", supply=(-1e3, 1e3))
@@ -63,7 +63,7 @@ def balance(opened: FieldMap, ohms: float, level: float, step: float = STEP, tim
 
 
 def _energies(model: "_Model", core, state: Array, currents: Array, unit: Array) -> tuple[float, ...]:
-    """Put in less heat; of the field, magnet and iron together; of the motion; put in."""
+    """Energies: input less heat; field energy of coils, magnet and iron; kinetic energy; input."""
     _, x, y, z = quaternion = state[6:10]
     moment = Rotation.from_quat([x, y, z, quaternion[0]]).apply([0, 0, MOMENT])
     counted = core.coil_state
@@ -86,7 +86,7 @@ class _Model:
         self.laws = [PPoly(of.law_coefficients[a:b].T, np.append(of.law_knots[a:b], 1e3)) for a, b in ends]
 
     def law(self, size: Array, order: int) -> Array:
-        """B(h) of all points: its integral, order -1, itself, 0, and its slope, 1."""
+        """B(h) of all points (order 0), its integral (order -1) or its slope (order 1)."""
         found = np.empty_like(size)
         for number, law in enumerate(self.laws):
             at = self.of.law == number
@@ -103,7 +103,7 @@ class _Model:
         return h, moments, self.gradients.T @ moments.ravel() + of.constant - of.air @ amplitudes
 
     def tangent(self, h: Array, fields: Array) -> Array:
-        """Changes of the residual with fields (3 p, m) at the points."""
+        """Derivatives of the residual by amplitudes of fields (3 p, m) at the points."""
         size = np.linalg.norm(h, axis=1)
         chord, slope = self.law(size, 0) / size - 1.0, self.law(size, 1) - 1.0
         fields = fields.reshape(len(h), 3, -1)
@@ -116,7 +116,7 @@ class _Model:
         return self.gradients.T @ (self.of.weights[:, None, None] * turned).reshape(h.size, -1)
 
     def energy(self, currents: Array, along: Array) -> float:
-        """Field energy, J; along: of the payload in each field, Wb or J."""
+        """Field energy, J. along: moment of the payload times each unit field, Wb or J."""
         of, n = self.of, len(currents)
         applied, amplitudes = of.source @ currents, self.amplitudes
         for _ in range(100):
@@ -135,7 +135,7 @@ class _Model:
         size = np.linalg.norm(h, axis=1)
         stored = np.sum(moments * h) - of.weights @ (self.law(size, -1) - size**2 / 2.0)
         iron = (stored + 0.5 * amplitudes @ of.air @ amplitudes) / MU0
-        # The payload's share of sum I dW'/dI - W' is nothing where weights are in proportion to the currents.
+        # The payload's part of sum I dW'/dI - W', which is zero for weights proportional to the currents.
         slopes = of.output @ np.linalg.solve(whole, self.tangent(h, of.source))
         payload = along[n:] @ (slopes @ currents - of.output @ amplitudes)
         return float(iron + 0.5 * currents @ self.air @ currents + payload)

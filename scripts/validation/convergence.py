@@ -1,4 +1,4 @@
-"""How errors fall with the mesh of the iron and with the spacing of a map: errors, and the order they show."""
+"""Convergence of errors with the mesh of the iron and with the spacing of a map: errors and observed orders."""
 
 from collections.abc import Iterator
 
@@ -41,7 +41,7 @@ def mesh() -> Iterator[Row]:
 
 
 def spacing() -> Iterator[Row]:
-    """A dipole of 8 A m^2, 70 to 110 mm above the box: map and lookup without any solver."""
+    """A dipole of 8 A m^2, 70 to 110 mm above the box: map and lookup without a solver."""
     source = "dipole, Jackson 5.56"
     points = np.random.default_rng(1).uniform([-0.01, -0.01, -0.11], [0.01, 0.01, -0.07], (2000, 3))
     exact = _dipole(points)
@@ -80,7 +80,7 @@ def _dipole(points: Array) -> tuple[Array, Array]:
 
 def _map(step: float, kind: str) -> FieldMap:
     shape = tuple(int(n) for n in np.round(np.array([0.02, 0.02, 0.04]) / step) + 1)
-    # The forms need five nodes along an axis: a box that is larger than where they are judged.
+    # The forms need five nodes along an axis, so the box is larger than the region of the comparison.
     shape = tuple(max(n, 5) for n in shape)
     lower = np.array([0.0, 0.0, -0.09]) - step * (np.array(shape) - 1) / 2
     grid = Grid(lower, [step] * 3, shape)

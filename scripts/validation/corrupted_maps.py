@@ -1,11 +1,11 @@
-"""Corrupt a small map in every way, read it, and count the outcomes: a program of its own, because it may crash.
+"""Corrupt a small map in every way, read it, and count the outcomes. A separate program, because it may crash.
 
     python corrupted_maps.py COUNT SEED
 
-Every other three cases are of a map with a field that no current drives. Prints JSON: how many were refused with the
-package's own error, how many gave identical data, and the cases that gave other data ("wrong"), any other exception
-("traceback") or no answer within a minute ("hung"). A crash of the HDF5 library ends the process; the last line on
-stderr then names the case.
+Three cases with a map of coils and iron alternate with three cases of a map that also has a constant field. Prints
+JSON: how many cases were refused with the package's own error, how many gave identical data, and the cases with other
+data ("wrong"), any other exception ("traceback") or no answer within a minute ("hung"). A crash of the HDF5 library
+ends the process; the last line on stderr then names the case.
 """
 
 import contextlib
@@ -30,12 +30,12 @@ from fieldmap.store import Grid, MapData, ReducedModel, read_info, read_map, sea
 from fieldmap.store.seal import SEAL_LENGTH
 from validation.corruption import BYTES, HOSTILE, PLACES, PLACES_OF_CONSTANT, small_map
 
-# Address space of this process: a reader that asks for what a file claims to hold does not get it.
+# Limit of the address space of this process. A reader that allocates the size that a file claims gets a MemoryError.
 MEMORY = 8 << 30
 
 
 def corrupt(case: int, seed: int, good: bytes, path: Path, places: tuple[str, ...]) -> str:
-    """Write a corrupted copy and say how."""
+    """Write a corrupted copy, and return a description of the change."""
     rng = np.random.default_rng([seed, case])
     way = case % 3
     if way == 2:
@@ -50,14 +50,14 @@ def corrupt(case: int, seed: int, good: bytes, path: Path, places: tuple[str, ..
     if way == 0:
         path.write_bytes(change_bytes(bytearray(good), rng))
         return change_bytes.__name__
-    # The same damage under a good seal: what HDF5 and the reader make of it.
+    # Damage under a valid seal tests HDF5 and the reader, not the seal.
     path.write_bytes(change_bytes(bytearray(good[:-SEAL_LENGTH]), rng))
     seal_map(path)
     return f"{change_bytes.__name__}, sealed"
 
 
 def same(a: MapData, b: MapData) -> bool:
-    """The same numbers, bit for bit. (Who makes a new seal and new hashes may give a map another title.)"""
+    """Whether the numbers are equal bit for bit. Texts may differ, because the seal and hashes were made again."""
 
     def key(value: Any) -> Any:
         if isinstance(value, np.ndarray):
@@ -79,7 +79,7 @@ def same(a: MapData, b: MapData) -> bool:
 
 
 def outcome(path: Path, truth: MapData) -> str:
-    """refused, identical, or what must not be."""
+    """ "refused", "identical", or the name of a failure."""
     try:
         found = read_map(path)
     except MapFileError as error:
@@ -93,7 +93,7 @@ def outcome(path: Path, truth: MapData) -> str:
 
 
 def main() -> None:
-    """Every case in turn."""
+    """Run the cases, one after the other."""
     count, seed = int(sys.argv[1]), int(sys.argv[2])
     found: dict[str, Any] = {"refused": 0, "identical": 0, "wrong": [], "traceback": [], "hung": []}
 

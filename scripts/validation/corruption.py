@@ -29,11 +29,11 @@ PLACES_OF_CONSTANT = (
     "/data/0/meshes/B_no_current",
     f"{MODEL}/fixed",
 )
-"""Beside `PLACES`, of a map with a background."""
+"""Further places of a map with a background."""
 
 
 def small_map(constant: bool = False) -> MapData:
-    """One coil and one field of iron that saturates, on 27 nodes. constant: and a background, that nothing drives."""
+    """One coil and one field of saturating iron, on 27 nodes. constant: whether the map also has a background."""
     rng = np.random.default_rng(0)
     grid = Grid([-0.01, -0.01, -0.1], [0.01, 0.01, 0.005], (3, 3, 3))
     knots = np.array([0.0, 1e3])
@@ -82,44 +82,44 @@ def small_map(constant: bool = False) -> MapData:
     )
 
 
-# Damage of bytes, the seal left as it was: what disks, copies and transfers do.
+# Damage of bytes with the original seal, as by disks, copies and transfers.
 
 
 def flip_bytes(raw: bytearray, rng: Generator) -> bytearray:
-    """One to three bytes, any other value."""
+    """Replace one to three bytes."""
     for place in rng.integers(0, len(raw), rng.integers(1, 4)):
         raw[place] ^= int(rng.integers(1, 256))
     return raw
 
 
 def cut(raw: bytearray, rng: Generator) -> bytearray:
-    """The end is missing."""
+    """Remove the end."""
     return raw[: int(rng.integers(0, len(raw)))]
 
 
 def drop_bytes(raw: bytearray, rng: Generator) -> bytearray:
-    """A piece is missing."""
+    """Remove a piece."""
     first = int(rng.integers(0, len(raw) - 1))
     del raw[first : first + int(rng.integers(1, 600))]
     return raw
 
 
 def insert_bytes(raw: bytearray, rng: Generator) -> bytearray:
-    """A piece too many."""
+    """Insert a piece."""
     first = int(rng.integers(0, len(raw)))
     raw[first:first] = rng.bytes(int(rng.integers(1, 600)))
     return raw
 
 
 def clear_block(raw: bytearray, rng: Generator) -> bytearray:
-    """A block of a disk, empty or of something else."""
+    """Replace a block of a disk by zeros or random bytes."""
     first = int(rng.integers(0, len(raw) - 512))
     raw[first : first + 512] = bytes(512) if rng.random() < 0.5 else rng.bytes(512)
     return raw
 
 
 def exchange_blocks(raw: bytearray, rng: Generator) -> bytearray:
-    """Two blocks in the wrong order."""
+    """Exchange two blocks."""
     a, b = (512 * int(k) for k in rng.integers(0, len(raw) // 512 - 1, 2))
     raw[a : a + 512], raw[b : b + 512] = raw[b : b + 512], raw[a : a + 512]
     return raw
@@ -128,23 +128,23 @@ def exchange_blocks(raw: bytearray, rng: Generator) -> bytearray:
 BYTES = (flip_bytes, cut, drop_bytes, insert_bytes, clear_block, exchange_blocks)
 
 
-# Changes with a good seal, as somebody makes them who means harm: all that HDF5 can hold.
+# Changes with a valid seal, as by an attacker: everything that HDF5 can hold.
 
 
 def put(file: h5py.File, path: str, make: Callable[[], Any]) -> None:
-    """Replace what is at a path."""
+    """Replace the object at a path."""
     if path in file:
         del file[path]
     make()
 
 
 def external_link(file: h5py.File, path: str, rng: Generator) -> None:
-    """Numbers of another file."""
+    """A link to numbers of another file."""
     put(file, path, lambda: file.__setitem__(path, h5py.ExternalLink(file.filename + ".good", path)))
 
 
 def soft_link(file: h5py.File, path: str, rng: Generator) -> None:
-    """Numbers of another record."""
+    """A link to numbers of another data set."""
     put(file, path, lambda: file.__setitem__(path, h5py.SoftLink("/data/0/meshes/B_iron_mode_1/x")))
 
 
@@ -165,7 +165,7 @@ def other_record(file: h5py.File, path: str, rng: Generator) -> None:
 
 
 def giant(file: h5py.File, path: str, rng: Generator) -> None:
-    """Shapes of up to 1e15 numbers of which nothing is stored."""
+    """Data sets of up to 1e15 numbers without stored values."""
     shape = tuple(int(n) for n in rng.choice([3, 10**3, 10**5], size=int(rng.integers(1, 4))))
     chunks = tuple(min(n, 64) for n in shape) if rng.random() < 0.5 else None
     put(
@@ -205,36 +205,36 @@ def empty_space(file: h5py.File, path: str, rng: Generator) -> None:
 
 
 def raw_file(file: h5py.File, path: str, rng: Generator) -> None:
-    """Numbers in a raw file outside."""
+    """Numbers in an external raw file."""
     outside = [(str(rng.choice(["/etc/passwd", "/dev/zero", file.filename])), 0, 216)]
     put(file, path, lambda: file.create_dataset(path, (3, 3, 3), "f8", external=outside))
 
 
 def virtual(file: h5py.File, path: str, rng: Generator) -> None:
-    """Numbers gathered from another file."""
+    """A virtual data set with numbers of another file."""
     layout = h5py.VirtualLayout((3, 3, 3), "f8")
     layout[...] = h5py.VirtualSource(file.filename + ".good", BX, shape=(3, 3, 3))
     put(file, path, lambda: file.create_virtual_dataset(path, layout))
 
 
 def nothing(file: h5py.File, path: str, rng: Generator) -> None:
-    """Something is missing."""
+    """Remove an object."""
     put(file, path, lambda: None)
 
 
 def group(file: h5py.File, path: str, rng: Generator) -> None:
-    """A group in the place of numbers."""
+    """A group instead of numbers."""
     put(file, path, lambda: file.create_group(path))
 
 
 def attribute(file: h5py.File, path: str, rng: Generator) -> None:
-    """Any value for an attribute that is there, or none of it."""
+    """Replace or remove an attribute."""
     place = str(rng.choice(["/fieldmap", "/fieldmap/completion", "/data/0/meshes/B_1", HEADER, BX, "/"]))
     spoil_attribute(file, place, rng, np.zeros((2, 2)))
 
 
 def spoil_attribute(file: h5py.File, place: str, rng: Generator, *more: Any) -> None:
-    """Any value for one of the attributes of a place, those of `more` among them, or none of it."""
+    """Replace one of the attributes of a place by a strange value, also from `more`, or remove it."""
     at = file[place].attrs
     name = sorted(at)[int(rng.integers(len(at)))]
     strange = ("text", b"\xff\xfe", np.nan, -1, 10**18, np.zeros(3), h5py.Empty("f8"), file.ref, True, *more)
@@ -253,7 +253,7 @@ def numbers(file: h5py.File, path: str, rng: Generator) -> None:
 
 
 def header(file: h5py.File, path: str, rng: Generator) -> None:
-    """JSON that nobody wrote, with its hash."""
+    """Strange JSON in the header or report, with a matching hash."""
     name = str(rng.choice(["header", "report"]))
     content = json.loads(file[f"/fieldmap/{name}"][()])
     key = sorted(content)[int(rng.integers(len(content)))]

@@ -1,4 +1,4 @@
-"""Maps over currents against fully solved states that no training saw: true errors beside those that the maps state."""
+"""Maps over currents against fully solved states outside the training: true and stated errors."""
 
 import tempfile
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ from validation.saturating.trial import (
 
 STATES = 20
 LARGEST = 10.0
-# Tight beside the accuracy of the map.
+# Tolerance of the states, much smaller than the accuracy of the map.
 TOLERANCE = 1e-4
 ACCURACY, TIMES_BETTER = 1e-3, 100.0
 SECONDS = 120.0
@@ -43,7 +43,7 @@ _SEED = 43
 
 
 def eight_coils() -> Iterator[Row]:
-    """Eight independent currents: 20 states at random and 20 corners solved directly, over the whole box."""
+    """Eight independent currents: 20 random states and 20 corners solved directly, over the whole box."""
     with tempfile.TemporaryDirectory() as folder:
         path, wall, cpu = timed(lambda: fm.generate("eight_coils", Path(folder) / "map.h5"))
         report = read_info(path).provenance.solver_report
@@ -74,8 +74,8 @@ def eight_coils() -> Iterator[Row]:
 
 
 def shipped_maps() -> Iterator[Row]:
-    """Every shipped map of saturating iron, in maps/out, made if it is not there: states solved anew on the line of
-    equal currents, at random and at extremes."""
+    """Every shipped map of saturating iron, in maps/out, made if it is missing: states solved on the line of equal
+    currents, at random and at extremes."""
     for name in SHIPPED:
         recipe, path = read_recipe(name), fm.generate(name)
         data = read_map(path)
@@ -102,11 +102,11 @@ def _differences(difference: Difference, currents: Array) -> Array:
 
 
 def _of_domain(domain: CurrentDomain) -> dict[str, Array]:
-    """Currents (s, c) by kind, none of them without any."""
+    """Currents (s, c) by kind, without the state of zero currents."""
     line, draw = with_currents(domain, equal_shares(domain, 24)), np.random.default_rng(_SEED)
     random = draw.random((200, len(domain.lower)))
     corners = draw.integers(0, 2, (80, len(domain.lower))).astype(float)
-    # Every second one somewhere on an edge between two corners.
+    # Every second corner is moved to a random point of an edge.
     edges = np.arange(1, len(corners), 2)
     corners[edges, draw.integers(0, len(domain.lower), len(edges))] = draw.random(len(edges))
     extremes = np.concatenate([extreme_shares(domain), with_currents(domain, corners)])
@@ -116,7 +116,7 @@ def _of_domain(domain: CurrentDomain) -> dict[str, Array]:
 
 
 def _states() -> dict[str, Array]:
-    """Currents (20, 8): not those that a training draws."""
+    """Currents (20, 8), different from those that a training draws."""
     random = np.random.default_rng(11)
     return {
         "at random": random.uniform(-LARGEST, LARGEST, (STATES, 8)),
@@ -125,7 +125,7 @@ def _states() -> dict[str, Array]:
 
 
 def _errors(opened: FieldMap, solver: NonlinearSolver, currents: Array) -> Array:
-    """Largest errors (2,) of flux density and gradient, each as a share of the largest of its state in the box."""
+    """Largest errors (2,) of flux density and gradient, each relative to the largest value of its state in the box."""
     shares = np.linspace(0.0, 1.0, 5)
     lower, upper = opened.bounds
     points = lower + np.stack(np.meshgrid(shares, shares, shares), axis=-1).reshape(-1, 3) * (upper - lower)

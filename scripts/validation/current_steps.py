@@ -1,5 +1,5 @@
-"""Coils of a saturating map, coupled by its linkages in the C core: a current step of one coil at its supply against
-states of the full solver, whose inductances scipy integrates; and the energy beside a magnet that swings.
+"""Coils of a saturating map, coupled by its flux linkages in the C core: a current step of one coil at its supply
+voltage, compared with scipy's integration of the full solver's inductances; and the energy with a swinging magnet.
 
     python scripts/validate.py --only current_steps
 """
@@ -24,7 +24,7 @@ REFINEMENT = 0.4
 
 
 def current_steps() -> Iterator[Row]:
-    """The drive unit, coarse, from 1.558 A in all coils: 40 V at one, the others at the voltages that kept them."""
+    """The drive unit on a coarse mesh, from 1.558 A in all coils: 40 V at one coil, constant voltages at the others."""
     device = fm.read_device("drive_unit")
     currents = {"lower_A": 1.0906, "upper_A": 2.0254, "states": 64, "accuracy": 2e-3, "modes": 60}
     currents |= {"points": 600, "held_out": 4, "inductance": True}
@@ -72,7 +72,7 @@ def current_steps() -> Iterator[Row]:
 
 
 def driven(opened: FieldMap, begin: np.ndarray, volts: np.ndarray) -> np.ndarray:
-    """Currents (steps, n) in the C core; the payload is none."""
+    """Currents (steps, n) by the C core, without a magnetic payload."""
     n = len(begin)
     body = RigidBody(1.0, [1.0] * 3, MagneticBody(np.zeros((1, 3)), np.zeros((1, 3))), gravity=0.0)
     amplifier = Amplifier(1.0, current_lower=-1e9, current_upper=1e9)
@@ -88,7 +88,7 @@ def driven(opened: FieldMap, begin: np.ndarray, volts: np.ndarray) -> np.ndarray
 
 
 def solved(solver: NonlinearSolver, begin: np.ndarray, volts: np.ndarray) -> np.ndarray:
-    """The same by di/dt = L(i)^-1 (V - R i)."""
+    """Currents (steps, n) by integration of di/dt = L(i)^-1 (V - R i)."""
 
     def rates(_: float, currents: np.ndarray) -> np.ndarray:
         state = solver.solve(currents, 1e-4)

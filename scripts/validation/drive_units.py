@@ -1,4 +1,4 @@
-"""Six cores on a disk, and the drive unit with yoke: bracketed values, the finest mesh, symmetry, and seconds."""
+"""Six cores on a disk, and the drive unit with yoke: bracketed values, the finest mesh, symmetry, and time."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -12,20 +12,20 @@ from fieldmap.iron.error import workspace_surface
 from validation.row import Array, Row, largest_error, timed
 
 MU_R = 4000.0
-# The finest, 66 698 faces, is the reference of the others.
+# The finest mesh, 66 698 faces, is the reference of the others.
 UNIT_REFINEMENTS = (1.0, 1.3, 1.6, 2.3)
-# Bounds of B, gradient and seconds for seven coils: the mesh as shipped, and that for a tenth of a percent.
+# Bounds of B, gradient and seconds for seven coils: on the shipped mesh, and on the mesh for an error of 0.1 %.
 UNIT_BOUNDS: dict[float, tuple[float | None, float | None, float | None]] = {
     1.0: (3e-3, 5e-3, 60.0),
     1.6: (1e-3, 1e-3, 300.0),
 }
 NO_BOUNDS = (None, None, None)
 SIX_CORES_TOLERANCE = 2e-4
-# Against the bracketed values, at any mesh.
+# Bound of the gradient against the bracketed values, on any mesh.
 GRADIENT_BOUND = 5e-3
-# The mesh has the mirror plane exactly; the compressed matrix is good to 1e-6 and knows nothing of it.
+# The mesh is exactly symmetric, but the compressed matrix is not; its relative error is 1e-6.
 MIRROR_BOUND = 1e-5
-# The yoke's leg stands at y = 0: these pairs of coils are mirror images.
+# The yoke's leg is at y = 0, so these pairs of coils are mirror images.
 MIRRORED = (("1", "3"), ("4", "6"))
 CURRENTS = np.full(6, 1.558)
 NEIGHBOUR = 1.03
@@ -33,7 +33,7 @@ NEIGHBOUR = 1.03
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """One mesh: the solution of seven coils, and what it took."""
+    """One mesh: the solution of seven coils, and its cost."""
 
     refinement: float
     unit: LinearSolution
@@ -58,7 +58,7 @@ class Solved:
 
 
 def six_cores() -> Iterator[Row]:
-    """No closed form: linear iron refined until its own estimate, the two forms and two meshes, is within 0.02 %."""
+    """Linear iron without a closed form, refined until the estimate from two forms and two meshes is within 0.02 %."""
     device = fm.read_device("disk_six_cores")
     solution, wall, cpu = timed(lambda: solve_to_tolerance(device, SIX_CORES_TOLERANCE))
     report = solution.report
@@ -88,7 +88,7 @@ def unit_linear() -> Iterator[Row]:
 
 
 def unit_other_form() -> Iterator[Row]:
-    """The flux form beside the potential form: the gap between the two, for information."""
+    """Difference between the flux form and the potential form, for information."""
     device = with_centre_coil(fm.read_device("drive_unit_a3"))
     unit, wall, cpu = timed(lambda: fm.solve_linear(device, mu_r=MU_R, form="flux"))
     yield from _against_brackets(Solved(1.0, unit, wall, cpu), device, "unit, flux form", NO_BOUNDS)
@@ -145,7 +145,7 @@ def _first_state(device: Device, refinement: float):
 
 
 def _changes(coarse: LinearSolution, fine: LinearSolution, points: Array) -> tuple[Array, Array]:
-    """Per coil, difference by the largest value: of B (c,) and of the gradient (c,)."""
+    """Differences of B (c,) and of the gradient (c,) per coil, relative to the largest value."""
     pairs = zip(coarse.unit_fields(points), fine.unit_fields(points), strict=True)
     field, gradient = (
         np.array([largest_error(a, best) for a, best in zip(one, other, strict=True)]) for one, other in pairs
@@ -165,7 +165,7 @@ def _against_brackets(
         place = tuple("xyz".index(letter) for letter in known.quantity if letter in "xyz")
         worst[what] = max(worst[what], float(ours[place]) / known.value - 1, key=abs)
     source = "two finite-element solutions, which agree to 0.03 % and 0.15 % (geometry/drive_unit_a3.toml)"
-    # The bracket of the gradient is wider than a tenth of a percent.
+    # The bracket of the gradient is wider than 0.1 %.
     limits = {"B": bounds[0], "gradient": None if bounds[1] is None else GRADIENT_BOUND}
     for what, value in worst.items():
         yield solved.row(case, f"error of {what}, signed", value, limits[what], source)
@@ -182,11 +182,11 @@ def _against_finest(solved: Solved, finest: Solved, points: Array) -> Iterator[R
 
 
 def _mirrored(solved: Solved, points: Array) -> Iterator[Row]:
-    """What is left of the device's mirror plane y = 0."""
+    """Deviation of the solution from the device's mirror symmetry about y = 0."""
     flip = np.array([1.0, -1.0, 1.0])
     there, b = solved.unit.unit_fields(points)[0], solved.unit.unit_fields(points * flip)[0]
     names = solved.unit.coil_names
-    # B is an axial vector and the mirrored current runs the other way round: components in the plane are kept.
+    # B is an axial vector and the mirrored current is reversed, so components in the plane keep their sign.
     worst = max(
         largest_error(b[names.index(one)] * flip, there[names.index(other)]) for one, other in MIRRORED
     )

@@ -1,8 +1,8 @@
-"""Rows S16 to S18 of the thesis with the electrical side beside without: the table of docs/thesis_dynamics.md.
+"""Rows S16 to S18 of the thesis with and without the electrical side: the table of docs/thesis_dynamics.md.
 
-The same scenarios on the same map. Without: sources of current, R and L of Table 3-1 for each coil by itself. With:
-coils that the map's linkages couple, the thesis's resistances, and its amplifier as a controller of the current within
-its supply.
+Both use the same scenarios on the same map. Without: current sources, with R and L of Table 3-1 for each coil alone.
+With: coils coupled by the map's flux linkages, the thesis's resistances, and its amplifier as a current controller with
+a limited supply voltage.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,9 +21,9 @@ from validation.thesis_dynamics import printed
 
 HEADING = "The electrical side"
 BANDWIDTHS = (100.0, 1000.0)
-"""Hz, of the amplifier's controller. The thesis has none. The supply decides, so that both give the same."""
+"""Bandwidths of the amplifier's controller, Hz, which the thesis does not state; the results are nearly the same."""
 LOWEST = {"-40 to 40 V": -40.0, "0 to 40 V": 0.0}
-"""V, by column: the thesis does not say whether the amplifier turns the supply round."""
+"""Lowest voltage, V, by column. The thesis does not state whether the amplifier reverses the supply."""
 Inputs = dict[str, Any]
 
 
@@ -126,7 +126,7 @@ def _all(inputs: Inputs) -> dict[str, float]:
 
 
 def _distance(text: str, value: float) -> float:
-    """Of a printed number from a value, in units of its last digit."""
+    """Distance of a printed number from a value, in units of its last digit."""
     return abs(float(text) - value) * 10.0 ** len(text.partition(".")[2])
 
 

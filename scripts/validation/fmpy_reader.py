@@ -1,6 +1,6 @@
-"""Run by FMPy in an environment of its own, without fieldmap: FMUs asked, run in closed loop, and integrated.
+"""Program for an environment with FMPy and without fieldmap: evaluates FMUs, runs them in closed loop, or integrates.
 
-python fmpy_reader.py TASK.npz ANSWER.npz: `kind` of the task says which.
+python fmpy_reader.py TASK.npz ANSWER.npz: `kind` of the task selects the function.
 """
 
 import sys
@@ -81,15 +81,15 @@ def follow(task):
 
 
 def seen_point(state, arm):
-    """Where a point of the body is, frame of the map."""
+    """Position of a point of the body, in the frame of the map."""
     w, u = state[6], state[7:10]
     twice = 2.0 * np.cross(u, arm)
     return state[:3] + arm + w * twice + np.cross(u, twice)
 
 
 def loop(task):
-    """A linear controller within its limits (docs/theory/closed_loop.md (5)) around the body inside, its samples at
-    `period`; what the coils get is matrix @ outputs + constant."""
+    """A linear controller with limits (docs/theory/closed_loop.md (5)) and sample time `period`, in closed loop with
+    the body in the FMU. Coil currents are matrix @ outputs + constant."""
     unit = Unit(str(task["path"]), dict(zip(STATE, task["state"], strict=True)))
     memory, period, rows = task["memory"], float(task["period"]), []
     for n, reference in enumerate(task["references"]):
@@ -103,7 +103,7 @@ def loop(task):
 
 
 def integrate(task):
-    """States at the end of a motion at fixed currents, by FMPy's own integrator and by the one inside."""
+    """States at the end of a motion at fixed currents, by FMPy's own integrator and by the FMU's."""
     path, currents = str(task["path"]), task["currents"]
     start = dict(zip(STATE, task["state"], strict=True))
     start |= {f"current_{k + 1}": value for k, value in enumerate(currents)}

@@ -1,4 +1,4 @@
-"""Hostile input: 1000 mutations of each kind of file and argument, and what came of them."""
+"""Hostile input: outcomes of 1000 mutations of each kind of file and argument."""
 
 from collections.abc import Iterator
 
@@ -7,7 +7,7 @@ from validation.row import Row
 
 MUTATIONS = 1000
 SEED = 20261123
-# As `fuzzing.kinds` has them; that module imports what it needs to make and read all of them.
+# Names in `fuzzing.kinds`, repeated here because that module imports everything that its kinds need.
 KINDS = (
     *("device files", "map recipes", "scenarios", "studies", "optimisations", "fits", "planar devices"),
     *("B-H curves", "expressions"),
@@ -23,8 +23,8 @@ KINDS = (
 
 
 def fuzz() -> Iterator[Row]:
-    """One row a kind: how many mutations were answered wrongly, by an error that is not ours, too slowly, with too much
-    memory, by reading what they must not, or by a crash."""
+    """One row per kind: number of mutations with a wrong answer, an error that is not ours, too much time or memory, a
+    forbidden access, or a crash."""
     for kind in KINDS:
         found = figures(kind, MUTATIONS, SEED)
         counts = found.counts

@@ -1,4 +1,4 @@
-"""Joints: the gap that they stand for drawn and meshed, and a ring by Ampere's law."""
+"""Joints compared with the drawn and meshed gap that they replace, and a ring by Ampere's law."""
 
 from collections.abc import Iterator
 from unittest.mock import patch
@@ -33,17 +33,17 @@ def c_core(gap: float, drawn: bool, size: float, edge: float) -> Device:
 
 
 def joints() -> Iterator[Row]:
-    """Flux of the core with a joint against the drawn gap, both in the potential form; and both forms against each
-    other, which err to opposite sides."""
+    """Flux of the core with a joint against the drawn gap, both in the potential form; and difference of the two forms,
+    whose errors have opposite signs."""
     for gap, size, edge in ((0.5e-3, 3e-3, 0.5e-3), (0.5e-3, 2e-3, 0.25e-3), (0.1e-3, 1.5e-3, 0.12e-3)):
         devices = [c_core(gap, drawn, size, edge) for drawn in (False, True)]
-        # The drawn gap is to be meshed as air, not as the sheet that a thin one is taken for.
+        # The drawn gap is meshed as air, not replaced by a sheet as thin gaps usually are.
         with patch.object(thin_gaps, "THIN", 0.0):
             (whole, wall, cpu), (part, _, _) = (
                 timed(lambda device=device: fm.solve_linear(device).at([1.0])) for device in devices
             )
         flux, drawn_flux = (state.section_flux("leg").flux for state in (whole, part))
-        # At 0.1 mm the drawn gap is the less accurate of the two: its faces are ten elements wide.
+        # At 0.1 mm the drawn gap is less accurate than the joint: elements are as wide as ten gaps.
         bound = 2e-3 if gap > 2e-4 else 4e-3
         yield Row(
             f"C-core, joint of {1e3 * gap:g} mm, elements of {1e3 * size:g} mm",
@@ -94,7 +94,7 @@ def flux_density_inside(state: SolvedState, points: Array) -> Array:
 
 
 def circulation(state: SolvedState, gap: float, mu_r: float) -> tuple[float, float]:
-    """What the iron and what the gaps take of the current around, A, along the circle in the middle of the ring."""
+    """Magnetomotive force, A, of the iron and of the gaps along the circle in the middle of the ring."""
     count = 4000
     angle = 2 * np.pi * (np.arange(count) + 0.5) / count
     circle = np.column_stack([0.035 * np.cos(angle), 0.035 * np.sin(angle), np.full(count, 0.005)])

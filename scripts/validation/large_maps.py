@@ -1,6 +1,6 @@
-"""Large maps: made, opened and looked up by processes with less than 2 GB, beside small maps of the same devices.
+"""Large maps, made, opened and looked up by processes with less than 2 GB, compared with small maps of the devices.
 
-Ten million nodes of six coils fill 6 GB of the folder for temporary files, two hundred coils at a million nodes 21 GB.
+Ten million nodes of six coils take 6 GB in the folder for temporary files, two hundred coils at a million nodes 21 GB.
 """
 
 import json
@@ -46,12 +46,12 @@ height_mm = 8.0
 turns = 200
 position_mm = [{x}, {y}, 5.0]
 """
-# Of each case: the device, cells along each axis of the large map and of a small one, and how the iron is solved.
+# Case -> device, cells along each axis of the large map and of a small map, and options of the iron.
 CASES = {
     "1e7 nodes, 6 coils": ("disk_six_cores", (216, 216, 216), 24, {"refinement": 0.5, "tolerance": 1e-2}),
     "1e6 nodes, 200 coils": ("two_hundred_coils.toml", (104, 104, 96), 12, {"tolerance": 1e-2}),
 }
-# A process of its own for each step: what it prints is a line of JSON. Linux counts the memory that it asks for.
+# Each step runs in a process of its own, which prints a line of JSON. The limit counts the address space on Linux.
 BEGIN = """
 import json, resource, sys, time
 import numpy as np
@@ -78,7 +78,7 @@ from fieldmap.store import check_map
 found = check_map({path!r})
 done(seconds=time.perf_counter() - begin, worst=max(found.divergence, found.curl, found.total))
 """
-# Opening: the second time, when all modules are there. Lookups: the least processor time of seven, in turns.
+# Opening is timed the second time, when all modules are loaded. Lookups: the least processor time of seven, in turns.
 LOOK = """
 from pathlib import Path
 fm.open_map({small!r})
@@ -113,7 +113,7 @@ done(opening=min(opening), apart=float(apart), size=Path({path!r}).stat().st_siz
 
 
 def _run(program: str, **values: object) -> dict[str, float]:
-    """Run a program in a process of its own, with a limit of its memory; what it printed."""
+    """Run a program in a process of its own, with a limit of its memory, and return its output."""
     text = (BEGIN + program).format(limit=LIMIT, **values)
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=False)
     if done.returncode:

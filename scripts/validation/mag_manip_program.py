@@ -1,7 +1,7 @@
-"""Maps exported for mag_manip, read by that program in an environment of its own: it needs numpy < 2.
+"""Maps exported for mag_manip and read by that program, in an environment of its own because it needs numpy < 2.
 
-The environment is made with pip in the user's cache folder, once. The wheel was built with checks and takes some 10 s
-to read 100 000 nodes of a coil.
+The environment is made once with pip in the user's cache folder. The wheel was built with run-time checks and takes
+about 10 s to read 100 000 nodes of a coil.
 """
 
 import tempfile
@@ -22,7 +22,7 @@ from validation.row import Array, Row, largest_error, timed
 PROGRAM = OwnEnvironment("mag_manip", ("mag_manip==3.0.0", "numpy==1.26.4"), newest_python=(3, 12))
 MAPS = Path(__file__).parents[2] / "maps" / "out"
 POINTS = 1000
-# Shares of the largest value: what the export promises of B; the program takes differences for the gradient.
+# Bounds relative to the largest value: the accuracy of B in the export, and of the program's differences of B.
 FIELD_BOUND = 1e-4
 GRADIENT_BOUND = 0.03
 SOURCE = "the map, at 1000 points of its box and its corners; mag_manip 3.0.0, tricubic"
@@ -31,8 +31,8 @@ _READER = Path(__file__).with_name("mag_manip_reader.py")
 
 @dataclass(frozen=True, eq=False)
 class Read:
-    """What the program gives at points: unit_field (n, n_coils, 3), T/A; at currents gradient (n, 3, 3), T/m; and
-    inverse (n, n_coils), A, currents that it takes for the field of these."""
+    """Results of the program at points: unit_field (n, n_coils, 3), T/A; gradient (n, 3, 3), T/m, at given currents;
+    and inverse (n, n_coils), A, the currents of the backward model for the field of the given currents."""
 
     unit_field: Array
     gradient: Array
@@ -40,17 +40,17 @@ class Read:
 
 
 def is_installed() -> bool:
-    """Whether the environment is there."""
+    """Whether the environment exists."""
     return PROGRAM.is_installed()
 
 
 def environment() -> Path:
-    """Its interpreter; the environment is made unless it is there. Raises UnavailableError."""
+    """The interpreter of the environment, which is made if it is missing. Raises UnavailableError."""
     return PROGRAM.python()
 
 
 def ask(path: Path, points: Array, currents: Array) -> Read:
-    """What the program reads from a file, at points (n, 3), m, inside its box. Raises UnavailableError."""
+    """Evaluate a file by the program at points (n, 3), m, inside its box. Raises UnavailableError."""
     python = environment()
     with tempfile.TemporaryDirectory() as folder:
         given, read = Path(folder) / "given.npz", Path(folder) / "read.npz"
@@ -69,14 +69,14 @@ def box_points(field: FieldMap, n: int = POINTS) -> Array:
 
 
 def field_error(read: Array, exact: Array) -> float:
-    """Largest difference of a coil by its largest value, the worst of the coils; both (n, n_coils, 3)."""
+    """Largest difference of a coil over its largest value, for the worst coil; both (n, n_coils, 3)."""
     off, size = (np.linalg.norm(part, axis=-1).max(axis=0) for part in (read - exact, exact))
     return float((off / size).max())
 
 
 def mag_manip() -> Iterator[Row]:
-    """The shipped maps as the program reads them: those of linear iron made anew, those of saturating iron, which take
-    long, where `fieldmap map` has left them, at currents of their domain."""
+    """The shipped maps read by the program. Maps of linear iron are made here; maps of saturating iron, which take
+    long, are used if `fieldmap map` has made them, at currents of their domain."""
     try:
         environment()
     except UnavailableError as error:
@@ -109,7 +109,7 @@ def inner_currents(field: FieldMap) -> Array | None:
 
 
 def _map_rows(name: str, field: FieldMap, target: Path) -> Iterator[Row]:
-    """The program's B of each field in the file, its gradient, and what the currents give that it finds for a field."""
+    """Errors of the program's B of each field in the file, of its gradient, and of the B at its inverse currents."""
     fixed = inner_currents(field)
     sampled = sample_for_mag_manip(field, currents=fixed)
     sampled.write(target)

@@ -1,9 +1,9 @@
-"""Runs in the environment of mag_manip: what the program itself gives for a file. Not imported by anything.
+"""Program for the environment of mag_manip: evaluates a file with mag_manip itself. Not imported by anything.
 
     python mag_manip_reader.py MAP.yaml GIVEN.npz READ.npz
 
 GIVEN: points (n, 3), m, and currents (n_coils,), A. READ: unit_field (n, 3, n_coils), T/A, gradient (n, 3, 3), T/m, and
-currents (n, n_coils), A, that the backward model takes for the field of these currents.
+currents (n, n_coils), A, of the backward model for the field of the given currents.
 """
 
 import sys
@@ -13,7 +13,7 @@ from mag_manip import mag_manip
 
 
 def main() -> None:
-    """Read the file with the forward and the backward model on vector fields, with their defaults."""
+    """Read the file with the forward and the backward model for vector fields, with default options."""
     source, given_path, target = sys.argv[1:]
     given = np.load(given_path)
     forward, backward = mag_manip.ForwardModelLinearVField(), mag_manip.BackwardModelLinearVFieldL2()

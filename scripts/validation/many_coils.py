@@ -1,6 +1,6 @@
-"""Many independent currents: a disk with a core in each coil, all of one iron that saturates.
+"""Many independent currents: a disk with a core in each coil, all of one saturating iron.
 
-The mesh is coarse: what is measured is the model of the currents against the solver on the same mesh.
+The mesh may be coarse, because the model of the currents is compared with the solver on the same mesh.
 """
 
 import tempfile
@@ -25,8 +25,8 @@ _SEED = 47
 
 
 def disk_with_cores(count: int) -> Device:
-    """A disk on square cores, each in a coil. They stand on a square grid, each moved by up to 1 mm, so that no two of
-    them are alike and no state is the image of another."""
+    """A disk on square cores, each in a coil. The cores are on a square grid, each moved by up to 1 mm, so that no
+    state is the mirror image of another."""
     side = int(np.ceil(np.sqrt(count)))
     axis = _PITCH * (np.arange(side) - 0.5 * (side - 1))
     places = np.array([(x, y) for x in axis for y in axis])[:count]
@@ -48,15 +48,15 @@ def disk_with_cores(count: int) -> Device:
 
 
 def made(device: Device, target: Path, **currents: Any) -> MapData:
-    """The map of a device whose coils all have currents of their own."""
+    """Make the map of a device with independent currents in all coils."""
     asked = {"lower_A": LOWER_A, "upper_A": UPPER_A, "accuracy": ACCURACY} | currents
     path = fm.generate(device, target, spacing=SPACING, currents=asked, iron={"reaction": False})
     return read_map(path)
 
 
 def true_errors(device: Device, data: MapData, count: int, seed: int = _SEED) -> dict[str, Array]:
-    """Largest errors (2,) of flux density and gradient at so many random states, and at as many extremes, against the
-    solver: shares of the largest of the same state."""
+    """Largest errors (2,) of flux density and gradient against the solver at `count` random states and at `count`
+    extremes, relative to the largest value of the same state."""
     domain, difference = data.reduced_model.domain, Difference(device, 1.0, data)
     drawn = {
         "random states": np.random.default_rng(seed).random((count, len(domain.lower))),
@@ -70,7 +70,7 @@ def true_errors(device: Device, data: MapData, count: int, seed: int = _SEED) ->
 
 
 def many_coils() -> Iterator[Row]:
-    """64 coils, at random states and at extremes that no training saw."""
+    """64 coils, at random states and at extremes outside the training."""
     device = disk_with_cores(COILS)
     with tempfile.TemporaryDirectory() as folder:
         data, wall, cpu = timed(lambda: made(device, Path(folder) / "map.h5"))

@@ -1,4 +1,4 @@
-"""A thousand maps of six pole pieces in one command, which is killed twice and run again; its memory."""
+"""A thousand maps of six pole pieces in one command that is killed twice and run again; and its memory."""
 
 import random
 import subprocess
@@ -16,7 +16,7 @@ from validation.map_files import numbers
 from validation.row import Row
 
 KILLED_AT = (200, 450)
-# Maps after which a process has all that it keeps.
+# Number of maps after which the memory of a process no longer grows.
 SETTLED = 100
 COMPARED = 12
 RECIPE = """
@@ -86,8 +86,8 @@ def many_maps() -> Iterator[Row]:
 def _run(
     folder: Path, index: Path, stop: int | None, total: int = 0
 ) -> tuple[int, tuple[float, float], float]:
-    """Exit code, most memory of some maps and of those after them, MB, and processor seconds; killed once so many maps
-    are there. The index comes after the maps."""
+    """Exit code, peak memory up to SETTLED maps and after them, MB, and processor seconds. The run is killed when
+    `stop` maps exist. The index is written after the maps."""
     words = ["map", str(folder / "poles.toml"), "--over", str(folder / "study.toml"), "-o", str(index)]
     before, settled, most, cpu = len(_times(folder)), 0.0, 0.0, 0.0
     with subprocess.Popen(

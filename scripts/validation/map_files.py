@@ -1,4 +1,4 @@
-"""Map files: corrupted in thousands of ways, and made by a run that is killed repeatedly."""
+"""Map files that are corrupted in thousands of ways, or made by a run that is killed repeatedly."""
 
 import json
 import random
@@ -22,7 +22,7 @@ from validation.row import Row
 CORRUPTED = 1000
 SEEDS = 5
 KILLS = 25
-# Starting workers takes some seconds each time.
+# Fewer kills for workers and schedulers, whose start takes some seconds each time.
 KILLS_OF_RUNS, KILLS_OF_WORKERS, KILLS_OF_SCHEDULERS = 10, 5, 10
 MODEL = "/fieldmap/reduced_model"
 RECIPES = {
@@ -85,7 +85,7 @@ height_mm = 14.0
 turns = 4000
 position_mm = [{x}, 0.0, 10.0]
 """
-# Every run is a process of its own, which tells when it began each step.
+# Every run is a process of its own, which prints the time of each step.
 RUN = """
 import json, sys, time
 from fieldmap.maps import generate
@@ -101,7 +101,7 @@ if __name__ == "__main__":
 
 
 def corrupted_maps() -> Iterator[Row]:
-    """Maps with damaged bytes and forged contents: refused, or read as they were."""
+    """Maps with damaged bytes and forged contents must be refused, or read with their original data."""
     script = Path(__file__).with_name("corrupted_maps.py")
     for seed in range(1, SEEDS + 1):
         begin = time.perf_counter()
@@ -126,18 +126,18 @@ def corrupted_maps() -> Iterator[Row]:
 
 
 def killed_runs() -> Iterator[Row]:
-    """One run killed 25 times at random moments, against the same run without a break: linear iron."""
+    """Linear iron: one run killed 25 times at random moments, against the same run without interruption."""
     yield from _killed("linear iron")
 
 
 def killed_training() -> Iterator[Row]:
-    """The same with saturating iron, whose states are solved one by one and kept."""
+    """Saturating iron, with states that are solved and stored one by one: the same comparison."""
     yield from _killed("saturating iron")
 
 
 def killed_workers() -> Iterator[Row]:
-    """The same with saturating iron and the processes that solve its states: two of this machine, or two of a dask
-    scheduler. The run is killed ten times; then, while it goes to its end, five of its workers are."""
+    """Saturating iron with two worker processes, of this machine or of a dask scheduler. The run is killed ten times;
+    then five of its workers are killed during the last run."""
     yield from _killed("saturating iron", KILLS_OF_RUNS, "two processes", workers=2)
     from distributed import LocalCluster
 
@@ -147,8 +147,8 @@ def killed_workers() -> Iterator[Row]:
 
 
 def killed_schedulers() -> Iterator[Row]:
-    """Saturating iron by two workers of a scheduler that is killed ten times, after a few pieces each time. A run ends,
-    and the same command goes on with another scheduler."""
+    """Saturating iron with two workers of a scheduler that is killed ten times, after a few pieces each time. The run
+    then fails, and the same command continues with a new scheduler."""
     begin, moments, exits = time.perf_counter(), random.Random(9), []
     with tempfile.TemporaryDirectory() as folder:
         recipe, target = _recipe(Path(folder), "saturating iron"), Path(folder) / "map.h5"
@@ -185,7 +185,7 @@ def killed_schedulers() -> Iterator[Row]:
 
 @contextmanager
 def _scheduler(folder: Path) -> Iterator[tuple[dict[str, str], subprocess.Popen[bytes]]]:
-    """A scheduler and two workers, each a process of its own: where they are, and the scheduler."""
+    """Start a scheduler and two workers, each in a process of its own. Yields their address and the scheduler."""
     file = folder / "scheduler.json"
     file.unlink(missing_ok=True)
     program = [
@@ -219,20 +219,20 @@ def _recipe(folder: Path, iron: str) -> Path:
 
 
 def _differing(target: Path) -> int:
-    """Data sets of a map that differ from those of the run without a break."""
+    """Number of data sets of a map that differ from the run without interruption."""
     whole, ours = numbers(target.with_name("whole.h5")), numbers(target)
     return sum(whole[name] != ours.get(name) for name in whole) + abs(len(ours) - len(whole))
 
 
 def _killed(iron: str, kills: int = KILLS, by: str = "", **where: Any) -> Iterator[Row]:
-    """A run without a break in one process, and one that is killed, by the processes that `where` names."""
+    """Compare a run without interruption in one process with a killed run that uses the processes in `where`."""
     begin, case = time.perf_counter(), f"{iron}, {by}" if by else iron
     with tempfile.TemporaryDirectory() as folder:
         recipe, target = _recipe(Path(folder), iron), Path(folder) / "map.h5"
         _run(recipe, target.with_name("compiles.h5"))
         steps = _run(recipe, target.with_name("whole.h5"))
         if where:
-            # Workers take their time to start.
+            # A run with workers is timed by itself, because workers start slowly.
             steps = _run(recipe, target.with_name("by_others.h5"), where)
         pieces = [second for second, text in steps if _is_piece(text)]
         done, reached = _kill(recipe, target, pieces[0], kills, where)
@@ -267,7 +267,7 @@ def _killed(iron: str, kills: int = KILLS, by: str = "", **where: Any) -> Iterat
 
 
 def _two_cores() -> str:
-    """The device of the saturating run: small, so that a run is quick to start."""
+    """The device of the saturating run, small for a quick start."""
     bodies = [
         BODY.format(name="bar", size=[60.0, 12.0, 8.0], place=[0.0, 0.0, 20.0]),
         *(
@@ -280,15 +280,15 @@ def _two_cores() -> str:
 
 
 def _is_piece(text: str) -> bool:
-    """Whether a step is one of those that are kept one by one."""
+    """Whether a step is a piece of work that is stored by itself."""
     return "nodes, part" in text or text.startswith("state ")
 
 
 def _kill(
     recipe: Path, target: Path, latest: float, kills: int, where: dict[str, Any]
 ) -> tuple[int, list[str]]:
-    """Start the run and kill it, `kills` times, at a random moment: within three times `latest` seconds, or soon after
-    it began with its first, second or third part, so that the run lasts. In which steps it died, and how often."""
+    """Start and kill the run `kills` times, at a random moment within three times `latest` seconds, or, so that it does
+    not finish, soon after it begins its first, second or third piece. Returns the number of kills and their steps."""
     moments, died = random.Random(7), {}
     for kill in range(kills):
         last, left = "starting", moments.randint(1, 3)
@@ -314,7 +314,7 @@ def _kill(
 def _run_while_workers_die(
     recipe: Path, target: Path, where: dict[str, Any]
 ) -> tuple[int, list[tuple[float, str]]]:
-    """Run to the end and kill a worker after a piece now and then: how many died, and the steps of the run."""
+    """Run to the end, and kill workers after some pieces. Returns the number of killed workers and the steps."""
     moments, killed = random.Random(8), 0
 
     def kill_one(text: str, process: subprocess.Popen[str]) -> None:
@@ -374,7 +374,7 @@ def _run(
 
 
 def numbers(path: Path) -> dict[str, bytes]:
-    """Bytes of every data set of a map: its fields, and its model where it has one."""
+    """Bytes of every data set of a map: its fields, and its model if it has one."""
     with h5py.File(path) as file:
         records = [*file["/data/0/meshes"].values(), *([file[MODEL]] if MODEL in file else [])]
         return {data.name: data[()].tobytes() for record in records for data in record.values()}

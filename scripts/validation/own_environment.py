@@ -1,4 +1,4 @@
-"""A program in an environment of its own, made with pip in the user's cache folder, once."""
+"""A program in an environment of its own, made once with pip in the user's cache folder."""
 
 import os
 import shutil
@@ -10,12 +10,12 @@ from pathlib import Path
 from fieldmap.errors import FieldmapError, Problem
 
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fieldmap"
-# Of one command; mag_manip reads 46 nodes in each direction in a minute, and in nine where others need the machine.
+# Time limit of a command, s. mag_manip reads 46 nodes in each direction in a minute, or in nine on a busy machine.
 SECONDS = 1800
 
 
 class UnavailableError(FieldmapError):
-    """The program cannot be had here, or did not answer."""
+    """The program cannot be installed here, or failed."""
 
     def __init__(self, program: str, reason: str) -> None:
         remedy = "run this on Linux with Python 3.11 or 3.12 and a package index within reach"
@@ -24,8 +24,8 @@ class UnavailableError(FieldmapError):
 
 @dataclass(frozen=True)
 class OwnEnvironment:
-    """program: its name. requirements: what pip installs, with versions, the program first. newest_python: for which
-    there are wheels."""
+    """program: its name. requirements: packages for pip with versions, the program first. newest_python: newest version
+    of Python with wheels."""
 
     program: str
     requirements: tuple[str, ...]
@@ -33,23 +33,23 @@ class OwnEnvironment:
 
     @property
     def folder(self) -> Path:
-        """Where it lies."""
+        """Folder of the environment."""
         name = self.requirements[0].replace("==", "-")
         return CACHE / f"{name}-python{sys.version_info.major}.{sys.version_info.minor}"
 
     def is_installed(self) -> bool:
-        """Whether it is there."""
+        """Whether the environment exists with these requirements."""
         ready = _ready(self.folder)
         return ready.exists() and ready.read_text() == "\n".join(self.requirements)
 
     def python(self) -> Path:
-        """Its interpreter; the environment is made unless it is there. Raises UnavailableError."""
+        """The interpreter of the environment, which is made if it is missing. Raises UnavailableError."""
         if not self.is_installed():
             self._install()
         return self.folder / "bin" / "python"
 
     def run(self, *command: str) -> str:
-        """What a command prints. Raises UnavailableError with the last line of its error."""
+        """Output of a command. Raises UnavailableError with the last line of its error."""
         clean = {
             name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")
         }
@@ -69,7 +69,7 @@ class OwnEnvironment:
             raise UnavailableError(self.program, "another system than Linux")
         if self.newest_python is not None and sys.version_info[:2] > self.newest_python:
             raise UnavailableError(self.program, "a newer Python than its wheels are for")
-        # Another process may be doing the same: each makes its own, and one of them stays.
+        # Several processes may do this at once: each makes its own folder, and one of them is kept.
         own = self.folder.with_name(f"{self.folder.name}.{os.getpid()}")
         own.parent.mkdir(parents=True, exist_ok=True)
         try:

@@ -1,7 +1,7 @@
-"""The time left that runs state, against the time that they then took.
+"""The time left that runs predict, compared with the time that they then took.
 
-Every statement from a tenth of a run on counts, but those of less than five seconds. Run it on a machine that does
-nothing else: a forecast does not know of other work.
+Every prediction after a tenth of a run counts, except predictions of less than five seconds. Run this on a machine that
+does nothing else, because a forecast does not know of other work.
 """
 
 import tempfile
@@ -71,7 +71,7 @@ def of_progress() -> Iterator[Row]:
                 "single_electromagnet", uncertain, ["flux_density 1 z"], progress=say, **about
             ),
         }
-        # What is compiled or loaded once is no measure.
+        # A first map compiles and loads everything, which would disturb the measurement.
         generate("quick", folder / "first.h5", progress=False)
         for case, run in runs.items():
             yield _row(case, run)
@@ -82,7 +82,7 @@ def _row(case: str, run: Callable[[Say], object]) -> Row:
     begin, processor = time.monotonic(), time.process_time()
     run(lambda message, share: told.append((time.monotonic() - begin, share, message)))
     whole, processor = time.monotonic() - begin, time.process_time() - processor
-    # As `Progress` does: a share is one of the time since nothing was done.
+    # As in `Progress`, the share refers to the time since the last report of 0.
     first = max((at for at, share, _ in told if share == 0.0), default=0.0)
     stated = [(at, (at - first) * (1.0 / share - 1.0), message) for at, share, message in told if share > 0.0]
     counted = [

@@ -15,10 +15,10 @@ from fieldmap.reaction import own_reaction
 from validation.row import Array, Row, timed
 
 FLUX_DENSITY, FORCE, TORQUE, STIFFNESS = 5e-3, 5e-3, 5e-3, 5e-3
-"""Allowed errors of A, of force, torque and stiffness of a dipole, as shares of the exact ones."""
+"""Allowed relative errors of A, and of force, torque and stiffness of a dipole."""
 PULL, THIRD_LAW = 1e-2, 1e-3
 MAGNET_READ, DIPOLE_READ = 5e-3, 1e-4
-"""Allowed errors of readings, as shares of the largest reading."""
+"""Allowed errors of readings, relative to the largest reading."""
 PERMEABILITIES = (2.0, 10.0, 10_000.0)
 # Orders of the closed series.
 _ORDERS = np.arange(1, 300)[:, None]
@@ -36,12 +36,12 @@ def reaction() -> Iterator[Row]:
 
 
 Exact = Callable[[Array], Array]
-"""Of distances (n,), m: A along the axis, T/(A m^2), its first and second derivative by the distance; the same across
-the axis: (6, n)."""
+"""Function of distances (n,), m, that returns (6, n): A along the axis, T/(A m^2), its first and second derivative by
+the distance; and the same across the axis."""
 
 
 def _closed(case: str, device: fm.Device, exact: Exact, distances: Array, mu_r: float) -> Iterator[Row]:
-    """Along the z axis at z = distance: force and stiffness from A by F = dA/dz / 2, torque m_x m_z (A_xx - A_zz)."""
+    """Rows for dipoles on the z axis: force and stiffness from A by F = dA/dz / 2, torque m_x m_z (A_xx - A_zz)."""
     (_, found, _), seconds, cpu = timed(lambda: solve_linear_and_reaction(device, box=device.bounds))
     assert found is not None
     points = np.column_stack([0.0 * distances, 0.0 * distances, distances])
@@ -52,7 +52,7 @@ def _closed(case: str, device: fm.Device, exact: Exact, distances: Array, mu_r: 
     for k, axis in enumerate((2, 0)):
         m, dm, ddm = b[:, :, axis], g[:, :, axis, 2], second[:, :, axis, 2, 2]
         ours[:, k] = [found.signs @ (m * m), found.signs @ (m * dm), found.signs @ (dm * dm + m * ddm)]
-    # A dipole that is tilted by 40 degrees is turned about y.
+    # Torque about y on a dipole that is tilted by 40 degrees.
     tilted = np.array([np.sin(np.radians(40)), 0.0, np.cos(np.radians(40))])
     turning = np.cross(tilted, own_reaction(found, points, tilted)[0])[:, 1]
     cost = (len(found.faces.areas), 0, seconds, cpu, f"{len(found.charge)} fields")
@@ -72,7 +72,7 @@ _SOURCES = {"plate": "image in a half-space", "ball": "spherical harmonics", "sh
 def _device(
     name: str, mu_r: float, box: tuple[Array, Array], *bodies: tuple[tuple[fm.Part, ...], float]
 ) -> fm.Device:
-    """Bodies of parts and mesh size."""
+    """A device with bodies from pairs of parts and mesh size."""
     named = (fm.Body(f"{name} {k}", "iron", parts, size) for k, (parts, size) in enumerate(bodies))
     ring = fm.CircularCoil("1", 0.2, 0.25, 0.05, 100.0, placement=fm.Placement([0.0, 0.0, 0.3]))
     iron = {"iron": fm.LinearMaterial("iron", mu_r)}
@@ -80,7 +80,7 @@ def _device(
 
 
 def _plate(mu_r: float) -> fm.Device:
-    """Twelve times as wide as the dipole is above it; finer below the dipole."""
+    """A plate with a radius of twelve times the dipole's height, with a finer mesh below the dipole."""
 
     def disc(radius: float, height: float, operation: str = "add") -> fm.Part:
         return fm.Part(fm.Cylinder(radius, height), fm.Placement([0.0, 0.0, -height]), operation)
@@ -91,7 +91,7 @@ def _plate(mu_r: float) -> fm.Device:
 
 
 def _over_a_plate(mu_r: float) -> Exact:
-    """A = q mu0/4pi 2 / (2 z)^3 along, half of that across; q = (mu_r - 1)/(mu_r + 1)."""
+    """A = q mu0/4pi 2 / (2 z)^3 along the axis, and half of it across; q = (mu_r - 1)/(mu_r + 1)."""
     share = _SCALE * (mu_r - 1) / (mu_r + 1) / 4
     return lambda z: np.concatenate(
         [k * share * np.array([z**-3, -3 * z**-4, 12 * z**-5]) for k in (1.0, 0.5)]
@@ -104,7 +104,7 @@ def _ball(mu_r: float) -> fm.Device:
 
 
 def _beside_a_ball(mu_r: float) -> Exact:
-    """To r^l P_l the ball answers -chi a^(2l+1) / r^(l+1) P_l, chi = l (mu_r - 1) / (l mu_r + l + 1)."""
+    """The response of the ball to r^l P_l is -chi a^(2l+1) / r^(l+1) P_l, chi = l (mu_r - 1) / (l mu_r + l + 1)."""
     l, a = _ORDERS, 0.02
     chi = l * (mu_r - 1) / (l * mu_r + l + 1)
 
@@ -125,10 +125,10 @@ def _shell(mu_r: float) -> fm.Device:
 
 
 def _in_a_shell(mu_r: float) -> Exact:
-    """To r^-(l+1) P_l inside the shell answers chi_l r^l / b^(2l+1) P_l, from continuous potential and flux at both
-    radii b and c; mu_r > 1 draws the dipole to the wall."""
+    """The response of the shell to r^-(l+1) P_l inside is chi_l r^l / b^(2l+1) P_l, from continuous potential and flux
+    at both radii b and c. The dipole is attracted to the wall for mu_r > 1."""
     l, b, c = _ORDERS, 0.02, 0.03
-    # In the shell the share of r^l by that of r^-(l+1), at b, from the outer face; then the potential's slope there.
+    # Ratio of r^l to r^-(l+1) in the shell at b, from the outer face; then the slope of the potential at b.
     back = (l + 1) * (mu_r - 1) / (l * mu_r + l + 1) * (b / c) ** (2 * l + 1)
     slope = mu_r * (l * back - (l + 1)) / (1.0 + back)
     chi = (slope + l + 1) / (l - slope)
@@ -145,8 +145,8 @@ def _in_a_shell(mu_r: float) -> Exact:
 
 
 def _levitator() -> Iterator[Row]:
-    """The magnet of desk_levitator as a body of the device beside its rule on the map; what eight sensors read of it,
-    and of a hundred dipoles in the air of the device."""
+    """The magnet of desk_levitator, meshed as a body of the device and by its quadrature on the map; and readings of
+    eight sensors for the magnet and for a hundred dipoles in the air of the device."""
     angles = 0.3 + 0.5 * np.pi * np.arange(4)
     rounds = [(np.cos(a), np.sin(a)) for a in angles]
     sensors = [
@@ -199,14 +199,14 @@ def _off(found: Array, exact: Array) -> float:
 def _on_bodies(
     device: fm.Device, payload: fm.Payload, at: Array, amperes: float, size: float
 ) -> tuple[Array, Array]:
-    """Force on a payload whose pieces are bodies of the device, and on the rest of the device."""
+    """Forces on a payload that is meshed as bodies of the device, and on the rest of the device."""
     return _with_payload(device, payload, at, amperes, size)[1]
 
 
 def _with_payload(
     device: fm.Device, payload: fm.Payload, at: Array, amperes: float, size: float
 ) -> tuple[Any, tuple[Array, Array]]:
-    """The solution of a device of which the pieces of a payload are bodies, and the forces of `_on_bodies`."""
+    """The solution of a device with the pieces of a payload as bodies, and the forces of `_on_bodies`."""
     bodies, materials = list(device.bodies), dict(device.materials)
     single = () if payload.magnet is None else (fm.PayloadPiece(payload.magnet),)
     for k, piece in enumerate(payload.pieces or single):
@@ -229,7 +229,7 @@ def _with_payload(
 
 
 def _near_a_wide_core() -> Iterator[Row]:
-    """Payloads of several magnets, and beads of which the core is nearer than their own width: each meshed twice."""
+    """Payloads of several magnets, and beads nearer to the core than their own width, each on two meshes."""
     core = fm.Body("core", "steel", (fm.Part(fm.Cylinder(0.02, 0.03)),), 3e-3, edge_size=1.5e-3)
     coil = fm.CircularCoil("1", 0.022, 0.035, 0.028, 800.0, placement=fm.Placement([0.0, 0.0, 0.015]))
     box = fm.WorkspaceBox(np.array([-0.012, -0.012, -0.028]), np.array([0.012, 0.012, -0.006]))
@@ -252,7 +252,7 @@ def _near_a_wide_core() -> Iterator[Row]:
 
 
 def _payloads() -> Iterator[tuple[str, fm.Payload, float, tuple[float, float, float]]]:
-    """Names, payloads, sizes of their meshes, and heights of their centres, m."""
+    """Names, payloads, mesh sizes and heights of the centres, m."""
 
     def body(*pieces: tuple[fm.MagnetCylinder | fm.SoftSphere, tuple[float, float, float]]) -> fm.Payload:
         return fm.Payload(0.01, pieces=[fm.PayloadPiece(shape, fm.Placement(at)) for shape, at in pieces])
@@ -272,7 +272,7 @@ def _payloads() -> Iterator[tuple[str, fm.Payload, float, tuple[float, float, fl
 
 
 def _misread(field: fm.lookup.FieldMap, solution: Any, place: Any, magnet: Any, current: float) -> float:
-    """Largest difference of readings, as a share of the largest reading."""
+    """Largest error of the readings, relative to the largest reading."""
     assert field.sensors is not None
     truth = np.sum(solution.field(field.sensors.positions, [current]) * field.sensors.axes, axis=1)
     off = field.readings(place, magnet, [current]) - truth

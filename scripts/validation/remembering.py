@@ -1,4 +1,4 @@
-"""The map with memory against the full solver, along paths and in small loops that no training saw."""
+"""The map with memory against the full solver, along paths and in small loops outside the training."""
 
 import time
 from collections.abc import Iterator
@@ -23,13 +23,13 @@ from validation.row import Array, Row
 
 RECIPE = "remembering"
 PATHS, FIRST_PATH = 10, 100_000
-"""Random paths, and the number of the first, far beyond those of any training."""
+"""Number of random paths, and the number (seed) of the first, which no training uses."""
 FLUX_DENSITY, GRADIENT, SLOPE = 5e-3, 8e-3, 0.03
-"""Allowed errors: of B and gradient as shares of the largest of the state, and of the slope of small loops."""
+"""Allowed errors of B and gradient relative to the largest value of the state, and of the slope of small loops."""
 WIDTHS = (0.005, 0.02, 0.1)
 HEAT, ENERGY, CYCLES = 0.01, 1e-6, (400, 800)
 MANY, STEP_SECONDS = 1000, 0.5e-3
-# The place at which the magnet of the thesis rests: 10 mm below the pole disk.
+# Position of the magnet of the thesis, 10 mm below the sensor's zero.
 _PLACE = np.array([0.0, 0.0, -0.087])
 
 
@@ -88,8 +88,8 @@ def followed(solver: HysteresisSolver, path: Array, memory: IronMemory | None = 
 def _along_paths(
     opened: FieldMap, solver: HysteresisSolver, domain: CurrentDomain, level: Array
 ) -> Iterator[tuple[float, ...]]:
-    """At each step errors of B and gradient as shares of the largest of the state, and in T and T/m; heat of map and
-    solver, J."""
+    """At each step errors of B and gradient, relative to the largest value of the state, and in T and T/m; and heat of
+    map and solver, J."""
     points = box_surface(opened.info.grid)
     # A point on an edge of the box may lie outside it by rounding.
     points = np.clip(points, opened.lower, opened.upper)
@@ -117,7 +117,7 @@ def _largest(values: Array) -> float:
 
 
 def _small_loops(opened: FieldMap, solver: HysteresisSolver, level: Array) -> Iterator[tuple[str, float]]:
-    """Relative errors of the slopes of the pull on a magnet at its place, by each signal, in the second of two loops of
+    """Relative errors of the derivative of the force on a fixed magnet by each signal, in the second of two loops of
     each width."""
     divided = opened.parametrisation
     assert isinstance(divided, LiftAndDirections)
@@ -131,7 +131,7 @@ def _small_loops(opened: FieldMap, solver: HysteresisSolver, level: Array) -> It
             for currents in path:
                 state = solver.step(currents, memory)
                 memory, ours = state.memory, ours.step(currents)
-                # A magnet that stands upright is pulled by the gradient of Bz.
+                # The force on an upright magnet is proportional to the gradient of Bz.
                 theirs = state.gradient(_PLACE)[2]
                 pulls.append((ours.gradient(_PLACE, currents)[2], theirs))
             pair = np.array(pulls)
@@ -140,8 +140,8 @@ def _small_loops(opened: FieldMap, solver: HysteresisSolver, level: Array) -> It
 
 
 def _energy_left(opened: FieldMap, reduced: ReducedModel) -> float:
-    """What the coils deliver in a cycle of all currents, less what the iron then stores more, by the heat, less 1. Both
-    from what the cells remember, in numpy; the error of second order of the trapezoidal rule is extrapolated."""
+    """Relative error of the energy balance in a cycle of all currents: energy from the coils less stored energy, over
+    the heat, less 1, from the cells in numpy. The second-order error of the trapezoidal rule is extrapolated."""
     errors = []
     for count in CYCLES:
         turn = 2.0 * np.pi * np.arange(count + 1)[:, None] / count
@@ -157,7 +157,7 @@ def _energy_left(opened: FieldMap, reduced: ReducedModel) -> float:
 
 
 def _linkages_and_energy(memory: FieldMap, reduced: ReducedModel) -> tuple[Array, float]:
-    """Flux linkages (c,), Wb, by the iron, and energy of iron and air, J."""
+    """Flux linkages (c,), Wb, of the iron's field, and energy of iron and air, J."""
     points, cells = len(reduced.weights), len(reduced.shares)
     r = memory.remembered[-4 * points * cells :].reshape(points, cells, 4)[..., :3]
     size, j, stored = np.linalg.norm(r, axis=2), np.zeros((points, cells)), np.zeros((points, cells))
@@ -174,7 +174,7 @@ def _linkages_and_energy(memory: FieldMap, reduced: ReducedModel) -> tuple[Array
 
 
 def _without_pinning(reduced: ReducedModel) -> float:
-    """Largest difference, as a share, of the weights of a model whose cells have no pinning, from one without cells."""
+    """Largest relative difference between the weights of a model with zero pinning and of a model without cells."""
     free = replace(reduced, pinning=0.0 * reduced.pinning)
     bare = replace(reduced, pinning=np.zeros((0, 0)), shares=np.zeros(0))
     names = tuple(map(str, range(reduced.coil_count)))
@@ -188,7 +188,7 @@ def _without_pinning(reduced: ReducedModel) -> float:
 
 
 def _many_paths(opened: FieldMap, domain: CurrentDomain, level: Array) -> tuple[int, float]:
-    """How many paths fail, and processor seconds of a step along a smooth path."""
+    """Number of failed paths, and processor seconds of a step along a smooth path."""
     failed = 0
     for number in range(2 * FIRST_PATH, 2 * FIRST_PATH + MANY):
         path = random_path(domain, level, number)

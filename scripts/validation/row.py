@@ -1,4 +1,4 @@
-"""One compared number, and how errors are measured."""
+"""One compared number, and the measures of errors."""
 
 import time
 from collections.abc import Callable
@@ -14,12 +14,11 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Row:
-    """A measured number beside its bound (None: printed for information) and the source of its reference.
+    """A measured number with its bound (None: for information) and the source of its reference.
 
-    faces: of the iron's surface; steps: of the solver; seconds, cpu_seconds: of the solve behind the number, wall
-    clock and processor time of all threads. value is NaN for what could not be measured; `note` says why. skipped: what
-    it needs cannot be had here, which is no failure. figures: of rows that are told by more than one number, by
-    heading; they make a table of their own.
+    faces: of the iron's surface; steps: of the solver; seconds, cpu_seconds: wall and processor time of the solve.
+    value is NaN if it could not be measured; `note` says why. skipped: whether a requirement is missing here, which is
+    no failure. figures: by heading, for rows with more than one number, which are printed in a separate table.
     """
 
     case: str
@@ -38,7 +37,7 @@ class Row:
 
     @property
     def verdict(self) -> str:
-        """ "pass", "FAIL", "NOT RUN", "skipped", or "-" where there is no bound."""
+        """ "pass", "FAIL", "NOT RUN", "skipped", or "-" without a bound."""
         if self.skipped:
             return "skipped"
         if not np.isfinite(self.value):
@@ -47,7 +46,7 @@ class Row:
 
 
 def largest_error(ours: Array, exact: Array) -> float:
-    """Largest length of the difference by the largest length of the exact values; (n, 3) or (n, 3, 3)."""
+    """Largest length of the difference over the largest length of the exact values; (n, 3) or (n, 3, 3)."""
     axes = tuple(range(1, exact.ndim))
     size = np.sqrt((exact**2).sum(axis=axes)).max()
     return float(np.sqrt(((ours - exact) ** 2).sum(axis=axes)).max() / size)

@@ -1,13 +1,13 @@
-"""Sixty machines that nobody tuned to: maps with the defaults of a recipe against fully solved states.
+"""Sixty machines without any tuning: maps with the defaults of a recipe against fully solved states.
 
     python scripts/validate.py --only saturating_machines
     cd scripts && python -m validation.saturating_machines [--list] [NAME ...]
 
-A map passes if its error at states that no training saw is within 1.5 times the largest that it states, and within
-twice the accuracy (of the gradient four times, since its accuracy is twice that of the flux density); or if it was
-refused. A map that was written and breaks one of these is wrong in silence. Fields are compared at the nodes on the
-surface of the box, against the solver on the same mesh: what is measured is the model of the currents, neither the
-interpolant nor the mesh.
+A map passes if its error at states outside the training is within 1.5 times its largest stated error and within twice
+the accuracy (four times for the gradient, whose accuracy is twice that of the flux density); or if it was refused. A
+written map that breaks one of these bounds is a silent error. Fields are compared at the nodes on the surface of the
+box with the solver on the same mesh, so that the comparison tests the model of the currents, not the interpolant or the
+mesh.
 """
 
 import argparse
@@ -24,13 +24,13 @@ SOLVED = "solved states"
 
 
 def saturating_machines() -> Iterator[Row]:
-    """All of them, and what they come to."""
+    """Rows of all machines, and their summary."""
     yield from rows_of(COMBINATIONS)
 
 
 def rows_of(combinations: Sequence[Combination]) -> Iterator[Row]:
-    """Rows of each machine, and then those of all. One that fails, by an error of any kind, leaves a row that says so,
-    and the others go on."""
+    """Rows of each machine, and then the summary. A machine that fails by any error gives a row with the error, and the
+    others continue."""
     found = []
     for combination in combinations:
         try:
@@ -45,7 +45,7 @@ def rows_of(combinations: Sequence[Combination]) -> Iterator[Row]:
 
 
 def _rows(trial: Trial) -> Iterator[Row]:
-    """Of one machine."""
+    """Rows of one machine."""
     cost, case = (trial.faces, 0, trial.seconds, trial.cpu_seconds), trial.combination.case
     if trial.refusal:
         yield Row(case, "refused", 1.0, 1.0, SOLVED, *cost, trial.refusal, figures=_figures(trial))
@@ -60,7 +60,7 @@ def _rows(trial: Trial) -> Iterator[Row]:
 
 
 def _figures(trial: Trial) -> dict[str, str]:
-    """One line of the table of all machines."""
+    """Cells of one line in the table of all machines."""
     shares = [*trial.true, *trial.stated]
     errors = ["-"] * 4 if trial.refusal else [f"{share:.1e}" for share in shares]
     headings = ("B, true", "gradient, true", "B, stated", "gradient, stated")
@@ -89,7 +89,7 @@ def _summary(found: Sequence[Trial]) -> Iterator[Row]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Rows of the named machines, or of all, as they are found."""
+    """Print rows of the named machines, or of all, as they are computed."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -120,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _named(names: Sequence[str]) -> tuple[Combination, ...]:
-    """By full name, or all of a device."""
+    """Machines by full name, or all machines of a device."""
     return tuple(one for one in COMBINATIONS if one.name in names or one.device_name in names)
 
 

@@ -1,4 +1,4 @@
-"""Numbers that docs/thesis_dynamics.md prints as ours, against the runs of the rows S16 and S18 that they are of."""
+"""Numbers that docs/thesis_dynamics.md prints as ours, compared with runs of the rows S16 and S18."""
 
 import re
 from collections.abc import Iterator
@@ -42,8 +42,8 @@ PRINTED: dict[str, list[tuple[str, str, tuple[int, ...], str]]] = {
 
 
 def thesis_dynamics() -> Iterator[Row]:
-    """Needs the map of `fieldmap map division`. The worst line of each table, in units of its last printed digit: half
-    a unit is rounding, the other half is what a map made anew may differ by."""
+    """The worst line of each table, in units of its last printed digit. Half a unit is for rounding, and half for the
+    difference between two makings of the map. Needs the map of `fieldmap map division`."""
     for part, lines in PRINTED.items():
         result = compute_part(part)
         worst = 0.0
@@ -73,7 +73,7 @@ def _of(result: PartResult, name: str) -> np.ndarray:
 
 
 def _unit(text: str) -> float:
-    """Of the last digit.
+    """Unit of the last digit.
 
     >>> _unit("0.186"), _unit("39")
     (0.001, 1.0)

@@ -1,4 +1,4 @@
-"""The thesis's static tables on the shipped mesh: deviations that are claimed, held to their bands."""
+"""The thesis's static tables on the shipped mesh: bounds of the deviations that the documentation claims."""
 
 from collections.abc import Iterator
 
@@ -7,7 +7,7 @@ import numpy as np
 from fieldmap.thesis.computation import PartResult, compute_part
 from validation.row import Row
 
-# Part -> (name of the printed number or table, slice of its rows, what it is, largest deviation).
+# Part -> (name of the printed number or table, slice of its rows, description, largest deviation).
 DEVIATIONS = {
     "S14_table_6_2": [
         ("n125_held[1,", "x, n = 1.25, h = 15 mm, lift held", 0.20),
@@ -23,7 +23,7 @@ DEVIATIONS = {
 
 
 def thesis_statics() -> Iterator[Row]:
-    """Needs the map of `fieldmap map division`; states that are not kept yet are solved, some 7 s each."""
+    """Rows of all deviations. Needs the map of `fieldmap map division`; missing states are solved, about 7 s each."""
     for part, claims in DEVIATIONS.items():
         result = compute_part(part)
         for name, what, bound in claims:

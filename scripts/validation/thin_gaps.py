@@ -1,4 +1,4 @@
-"""Thin gaps of the drawing: a magnet held by a thick plate, against the closed form of a magnet and its image."""
+"""Thin drawn gaps: a magnet held by a thick plate, against the closed form of a magnet and its image."""
 
 from collections.abc import Iterator
 from itertools import product
@@ -17,8 +17,8 @@ GAPS = (1e-3, 3e-4, 1e-4, 1e-5, 1e-6)
 
 
 def image_force(gap: float) -> float:
-    """Force, N, that pulls the magnet onto a plate of infinite permeability: that of two cuboids, 2 x gap apart
-    (G. Akoun, J.-P. Yonnet, IEEE Trans. Magn. 20 (1984) 1962, for equal ones above each other)."""
+    """Attraction, N, of the magnet to a plate of infinite permeability: the force between two equal cuboids 2 x gap
+    apart (G. Akoun, J.-P. Yonnet, IEEE Trans. Magn. 20 (1984) 1962)."""
     a, c, far = SIDE / 2, HEIGHT / 2, HEIGHT + 2 * gap
     total = 0.0
     for i, j, k, m, p, q in product((0, 1), repeat=6):
@@ -69,7 +69,7 @@ def thin_gaps() -> Iterator[Row]:
         force = -state.force_on("magnet")[2]
         yield Row(case, "holding force", force / image_force(gap) - 1, 1e-2, "magnet and image", *about)
         flux = state.section_flux("face").flux
-        # At 1 mm the gap is no sheet, and the plate's elements of 6 mm do not know where the magnet ends.
+        # At 1 mm the gap is not a sheet, and the plate's elements of 6 mm do not resolve the edge of the magnet.
         bound = 2e-2 if gap < 1e-3 else None
         yield Row(
             case, "flux through the plate's face", flux / image_flux(gap) - 1, bound, "magnet and image"
@@ -86,7 +86,7 @@ def _with_force(unit: LinearSolution) -> SolvedState:
 def _pads() -> Iterator[Row]:
     """A pad of soft iron, 2 mm thick, below the magnet, against a finer mesh.
 
-    At 0.01 mm the force still rises by 2 % up to elements 2.5 times finer, at 0.001 mm by 0.3 %.
+    With elements 2.5 times finer the force rises by another 2 % at 0.01 mm, and by 0.3 % at 0.001 mm.
     """
     for gap in (1e-5, 1e-6):
         device = magnet_above_plate(gap)

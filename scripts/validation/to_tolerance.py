@@ -1,5 +1,5 @@
-"""Twenty devices refined to a tolerance, against what their errors truly are: true errors within what was asked, or a
-statement of what more would cost."""
+"""Twenty devices refined to a tolerance: true errors must be within the tolerance, or the run must state the cost of
+further refinement."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ from validation.row import Row, timed
 from validation.tolerance_devices import Known, all_devices
 
 GRADIENT = 3.0
-"""What is asked of the gradient, over what is asked of B."""
+"""Tolerance of the gradient over the tolerance of B."""
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One device: how its run went, estimates and true errors (B, gradient), and what it took."""
+    """One device: outcome of its run, estimated and true errors (B, gradient), and cost."""
 
     known: Known
     report: ToleranceReport
@@ -28,7 +28,7 @@ class Run:
 
 
 def run(known: Known) -> Run:
-    """Refine, and compare with the truth; of a run that stopped short, its best solution."""
+    """Refine, and compare with the reference; of an unfinished run the best solution."""
 
     def refined():
         try:
@@ -44,7 +44,7 @@ def run(known: Known) -> Run:
 
 
 def to_tolerance() -> Iterator[Row]:
-    """True errors of B and of the gradient, bound by what was asked where a run says that it got there."""
+    """True errors of B and of the gradient, with the tolerance as a bound for runs that report to have reached it."""
     for known in all_devices():
         one = run(known)
         pairs = zip(("B", "gradient"), one.true, (1.0, GRADIENT), strict=True)
@@ -61,7 +61,7 @@ def to_tolerance() -> Iterator[Row]:
 
 
 def stated(one: Run) -> Row:
-    """1 where a run ended within the tolerance, or names body, place and cost; 0 where it does neither."""
+    """1 if a run reached the tolerance, or names body, place and cost of further refinement; otherwise 0."""
     report = one.report
     says = report.reached or (
         bool(report.shares) and report.next_mesh is not None and report.worst is not None

@@ -1,4 +1,4 @@
-"""Devices whose error can be known, for `solve_to_tolerance`: closed forms, independent programs, finer meshes."""
+"""Devices with known errors for `solve_to_tolerance`: by closed forms, independent programs, or finer meshes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,15 +28,15 @@ from validation.row import Array
 FieldAt = Callable[[Array], Array]
 Errors = tuple[float, float]
 UP = np.array([0.0, 0.0, 1.0])
-# Of the differences that take a gradient from a field in closed form, m.
+# Step of the differences for the gradient of a field in closed form, m.
 _STEP = 2e-5
 CLOSED, INDEPENDENT, FINER = "closed form", "independent program", "finer mesh, both forms (weaker)"
 
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """A device, what is asked of it, and what gives the true errors of B and of the gradient of its solution, relative
-    as the estimate has them; truth: the kind of reference."""
+    """A device, its tolerance (asked), and a function from its solution to the true errors of B and of the gradient,
+    relative as in the estimate; truth: kind of reference."""
 
     name: str
     device: Device
@@ -49,7 +49,7 @@ class Known:
 
 @dataclass(frozen=True, eq=False)
 class ExactFields:
-    """Fields of one source in closed form, as the estimate asks for those of a solution."""
+    """Fields of one source in closed form, with the members of a solution that the estimate uses."""
 
     flux_density: FieldAt
     sources: tuple[str, ...] = ("",)
@@ -77,7 +77,7 @@ def against_finer(
     mu_r: float | None = None,
     forms: tuple[str, ...] = ("potential", "flux"),
 ) -> Callable[[LinearSolution], Errors]:
-    """Errors against the mean of the forms on the device's own sizes over `refinement`."""
+    """Errors against the mean of the forms on a mesh with the device's sizes over `refinement`."""
 
     def errors(solution: LinearSolution) -> Errors:
         both = [
@@ -90,19 +90,19 @@ def against_finer(
 
 @dataclass(frozen=True, eq=False)
 class Mean:
-    """Of two solutions."""
+    """Mean of two solutions."""
 
     one: LinearSolution
     other: LinearSolution
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """As one has them."""
+        """Sources of the first solution."""
         return self.one.sources
 
     @property
     def iron_points(self) -> Array:
-        """As one has them."""
+        """Points of the first solution."""
         return self.one.iron_points
 
     def source_fields(self, points: Array) -> tuple[Array, Array]:
@@ -150,7 +150,7 @@ IRON = {"iron": LinearMaterial("iron", 1000.0)}
 
 
 def magnet(mu_r: float = 1.0) -> dict[str, PermanentMagnet]:
-    """1.2 T upwards."""
+    """A magnet of 1.2 T upwards."""
     return {"ndfeb": PermanentMagnet("ndfeb", 1.2 * UP, mu_r)}
 
 
@@ -196,7 +196,7 @@ def spheres() -> list[Known]:
 
 
 def sphere_in_field(background: Background, mu: float, radius: float) -> FieldAt:
-    """Outside a sphere at the origin: a dipole and a quadrupole answer to B0 + G x."""
+    """Field outside a sphere at the origin: B0 + G x with the dipole and the quadrupole of the sphere."""
     flux, tensor = background.field(np.zeros((1, 3)))[0], background.tensor
 
     def field(points: Array) -> Array:
@@ -211,13 +211,13 @@ def sphere_in_field(background: Background, mu: float, radius: float) -> FieldAt
 
 
 def hollow(flux: Array, mu: float, ratio: float) -> FieldAt:
-    """Inside a shell (Jackson 5.121): uniform."""
+    """Uniform field inside a shell (Jackson 5.121)."""
     inside = 9 * mu / ((2 * mu + 1) * (mu + 2) - 2 * ratio**3 * (mu - 1) ** 2)
     return lambda points: np.broadcast_to(inside * np.asarray(flux), points.shape)
 
 
 def thin_shell() -> Known:
-    """A factor of 600 of shielding."""
+    """A shell with a shielding factor of 600."""
     parts = (Part(Sphere(0.02)), Part(Sphere(0.018), operation="cut"))
     device = Device(
         "thin shell",
@@ -254,8 +254,8 @@ def magnet_and_ball() -> Known:
         radial, along = np.zeros(len(points)), np.zeros(len(points))
         for n in range(1, 60):
             p = np.polynomial.legendre.Legendre.basis(n)
-            # Potential -(n + 1) r^n / far^(n + 2) P_n of the dipole, and the answer of the sphere to it, which falls
-            # like r^-(n + 1); mu0 m / 4 pi = moment.
+            # Potential -(n + 1) r^n / far^(n + 2) P_n of the dipole, and the response of the sphere, which decays as
+            # r^-(n + 1); mu0 m / 4 pi = moment.
             own = n * (mu - 1) / (n * (mu + 1) + 1) * radius ** (2 * n + 1) * (n + 1) / far ** (n + 2)
             radial += moment * own * (n + 1) / r ** (n + 2) * p(c)
             along -= moment * own / r ** (n + 2) * p.deriv()(c)
@@ -301,7 +301,7 @@ def magnets() -> list[Known]:
 
 
 def magnet_on_plate() -> Known:
-    """0.1 mm above a thick plate of mu_r 10 000: the magnet and its image, to some 1e-3 (the plate ends)."""
+    """A magnet 0.1 mm above a thick plate of mu_r 10 000: magnet and image, within 1e-3 (the plate is finite)."""
     device = thin_gaps.magnet_above_plate(1e-4, 6e-3, 2e-3)
     device = device.replace(workspace=WorkspaceBox([-5e-3, -5e-3, 1.3e-2], [5e-3, 5e-3, 2e-2]))
     sides = [
@@ -341,7 +341,7 @@ def on_one_axis() -> list[Known]:
     for case, mu_r, asked in (("disk", 1000, 0.003), ("diskcore", 4000, 0.003), ("spool", 4000, 0.005)):
         device, errors = axisymmetric.linear_case(case, mu_r)
         coarse = [Body(one.name, one.material, one.parts, max(one.mesh_size, 5e-3)) for one in device.bodies]
-        # The references lie below the disk, out to 28 mm.
+        # The reference points lie below the disk, out to 28 mm.
         space = WorkspaceBox([-2e-2, -2e-2, -0.11], [2e-2, 2e-2, -0.07])
         device = Device.unchecked(**{**vars(device), "bodies": tuple(coarse), "workspace": space})
         words = axisymmetric.WORDS[case]
@@ -350,7 +350,7 @@ def on_one_axis() -> list[Known]:
 
 
 def shields_and_gaps() -> list[Known]:
-    """A box in a uniform field, a C-core, a cube whose edge the workspace touches, and plates with gaps."""
+    """A box in a uniform field, a C-core, a cube with an edge that touches the workspace, and plates with gaps."""
     walls = (
         Part(Box((0.06,) * 3), placed((0, 0, -0.03))),
         Part(Box((0.05,) * 3), placed((0, 0, -0.025)), "cut"),
@@ -383,7 +383,7 @@ def shields_and_gaps() -> list[Known]:
 
 
 def with_fine_part(device: Device) -> Device:
-    """The cube in two bodies that touch: what lies next to the workspace has elements of 0.11 mm."""
+    """The cube in two touching bodies; the body next to the workspace has elements of 0.11 mm."""
     box = (Part(Box((1.4e-3, 5e-3, 1.8e-3)), placed((9.3e-3, 0, -1.8e-3))),)
     cut = Part(Box((1.4e-3, 5e-3, 1.8e-3)), placed((9.3e-3, 0, -1.8e-3)), "cut")
     cube = device.bodies[0]
@@ -392,7 +392,7 @@ def with_fine_part(device: Device) -> Device:
 
 
 def shipped() -> list[Known]:
-    """The shipped machines; those without a workspace are given one."""
+    """The shipped machines, with a workspace added where one is missing."""
     pole = fm.read_device("pole_in_box").replace(
         workspace=WorkspaceBox([-1e-2, -1e-2, 8e-2], [1e-2, 1e-2, 9e-2])
     )
@@ -412,5 +412,5 @@ def shipped() -> list[Known]:
 
 
 def all_devices() -> list[Known]:
-    """All of them."""
+    """All devices."""
     return [*spheres(), *magnets(), *on_one_axis(), *shields_and_gaps(), *shipped()]

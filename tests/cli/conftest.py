@@ -1,4 +1,4 @@
-"""A small machine whose answers are known in closed form: a thin loop that carries a dipole below it."""
+"""A small machine with a closed form: a thin loop that carries a dipole below it."""
 
 import contextlib
 import difflib
@@ -48,13 +48,13 @@ def machine(tmp_path_factory):
 
 @pytest.fixture
 def unsmoothed(monkeypatch):
-    """Scenes with jagged edges: to smooth them takes three quarters of the time of drawing."""
+    """Scenes with jagged edges: smoothing takes three quarters of the drawing time."""
     monkeypatch.setattr("pyvista.Plotter.enable_anti_aliasing", lambda *_, **__: None)
 
 
 @pytest.fixture
 def command(capsys):
-    """command(line, *words): runs `fieldmap LINE WORDS`; exit code, what is printed, what stands on stderr."""
+    """command(line, *words): runs `fieldmap LINE WORDS`; returns the exit code, stdout and stderr."""
 
     def run(line, *words):
         capsys.readouterr()
@@ -66,7 +66,7 @@ def command(capsys):
 
 @pytest.fixture
 def answer(command):
-    """answer(line, *words): what `fieldmap LINE WORDS --json` prints, as Python, with exit code `ends`."""
+    """answer(line, *words): the output of `fieldmap LINE WORDS --json` as Python, with exit code `ends`."""
 
     def run(line, *words, ends=0):
         code, out, err = command(line, *words, "--json")
@@ -77,9 +77,9 @@ def answer(command):
 
 
 VARIES = (
-    # Colours, which some services ask for.
+    # Colours, which some CI services force.
     (re.compile(r"\x1b\[[\d;]*m"), ""),
-    # Sizes of residuals, which rounding decides, and how many steps a search took.
+    # Residuals, which depend on rounding, and the number of steps of a search.
     (re.compile(r"[-+]?\d(\.\d+)?e-(0[7-9]|[1-9]\d)\b|\b0\.0e\+00"), "<tiny>"),
     # A direction and its opposite are the same eigenvector.
     (re.compile(r"^ \([-+](.{5}), [-+](.{5}), [-+](.{5})\)", re.MULTILINE), r" (±\1, ±\2, ±\3)"),
@@ -90,7 +90,7 @@ VARIES = (
 
 
 def masked(text):
-    """The text with a placeholder for what differs between machines and runs; no blanks at the ends of lines."""
+    """The text with placeholders for parts that differ between machines and runs; no blanks at the ends of lines."""
     for pattern, placeholder in VARIES:
         text = pattern.sub(placeholder, text)
     return "".join(f"{line.rstrip()}\n" for line in text.splitlines())
@@ -98,7 +98,7 @@ def masked(text):
 
 @pytest.fixture
 def golden(request):
-    """golden(name, text): the text must be that of golden/NAME.txt, which `pytest --rewrite-golden` writes anew."""
+    """golden(name, text): the text must equal golden/NAME.txt; `pytest --rewrite-golden` writes that file anew."""
 
     def hold(name, text):
         path, found = GOLDEN / f"{name}.txt", masked(text)

@@ -49,7 +49,7 @@ def test_probe_with_the_payload_of_another_device(answer, machine, tmp_path):
 def test_all_questions_take_the_direction_that_the_payload_states(
     answer, machine, tmp_path, direction, sign, turning
 ):
-    """Where it floats the force on it is its weight; the least current that carries it there is that of its height."""
+    """At the equilibrium the force is the weight; the least current that carries the payload is the lift current."""
     other, words = tmp_path / "other.toml", f'direction = "{direction}"\n'
     words += f'turning = "{turning}"\n' if turning else ""
     other.write_text(Path(machine.device).read_text().replace("[payload]\n", f"[payload]\n{words}"))
@@ -65,7 +65,7 @@ def test_all_questions_take_the_direction_that_the_payload_states(
     assert found["held"] == f"moment {direction}, {state}"
     assert probed["held"] == ("moment along the field, free to turn" if turning == "free" else found["held"])
     lifted = answer(f"equilibrium --height-mm={1e3 * z} --payload-of", other, machine.map)
-    # A free magnet is pulled by currents of either sign.
+    # A free magnet is attracted by currents of either sign.
     assert lifted["lift_current"] == pytest.approx(abs(carries) if turning == "free" else carries, rel=1e-4)
     least = answer(f"currents --lift {place}", other, machine.map)
     assert least["by_name"] == {"loop": pytest.approx(carries, rel=1e-4)}
@@ -81,7 +81,7 @@ def test_several_points_give_a_list(answer, machine):
 def test_lift_current_at_a_height(answer, machine, source):
     found = answer("equilibrium --height-mm -95", getattr(machine, source))
     assert found["lift_current"] == pytest.approx(lift_current(-0.095), rel=1e-3)
-    # Nobody measured its sensor.
+    # There is no measured sensor for this machine.
     assert found["sensor_mm"] is None
 
 
@@ -97,7 +97,7 @@ def test_equilibrium_at_given_currents(answer, machine, source):
 
 
 def test_solve_prints_the_known_values_of_the_file(answer):
-    """Closed form beside the result, for the smallest device with iron."""
+    """With the closed form next to the result, for the smallest device with iron."""
     found = answer("solve loop_and_sphere")
     assert len(found["references"]) == 8
     for row in found["references"]:
@@ -142,7 +142,7 @@ def test_check_prints_the_machine_that_short_forms_make(command, tmp_path):
 
 
 def test_linear_iron_that_would_saturate_is_named(answer):
-    """At 80 A the core of mu_r = 4000 carries some 4 T."""
+    """At 80 A the core with mu_r = 4000 carries about 4 T."""
     line = "probe single_electromagnet --refinement 0.5 --at-mm 0,0,-40 --currents"
     warned = [any("saturate" in text for text in answer(line, i)["assumptions"]) for i in (80, 1)]
     assert warned == [True, False]
@@ -161,7 +161,7 @@ def test_linear_iron_that_would_saturate_is_named(answer):
     ],
 )
 def test_the_schema_of_a_kind_of_file_accepts_a_shipped_one(command, kind, file, wrong):
-    """tests/device/test_json_schema.py holds the schema itself to the schema of all schemas."""
+    """tests/device/test_json_schema.py checks the schema against the JSON meta-schema."""
     schema = json.loads(command("schema", kind)[1])
     validator = jsonschema.validators.validator_for(schema)(schema)
     data = tomllib.loads((Path(__file__).parents[2] / file).read_text())

@@ -1,4 +1,4 @@
-"""`fieldmap currents` against closed forms: a thin loop and a dipole, a bead of soft iron, eight coils by their map."""
+"""`fieldmap currents` against closed forms: a thin loop and a dipole, a bead of soft iron, eight coils from a map."""
 
 import re
 from pathlib import Path
@@ -38,7 +38,7 @@ def test_a_moment_of_ones_own_and_a_torque(answer, machine):
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_magnet_that_follows_the_field(answer, command, machine, sign):
-    """The loop attracts it whichever way it points; a magnet that is pushed away would turn over."""
+    """The loop attracts it at either sign; a magnet that is repelled would turn over."""
     way = f"--direction=0,0,{2 * sign:g} --moment={MOMENT}"
     found = answer(f"{LINE} {way} --force nan nan {MASS * gravity}", machine.device)
     assert found["currents"] == [pytest.approx(sign * lift_current(-0.09), rel=1e-3)]
@@ -88,7 +88,7 @@ def test_a_solved_device_has_the_currents_of_its_map(tmp_path):
     asked = {"force": [1e-3, 0.0, 5e-3], "moment": [0.0, 0.0, 0.5]}
 
     class Plain:
-        """The map as a field that is only known to be a sum."""
+        """The map as a field known only as a weighted sum."""
 
         coil_names, bounds, proportional, affine, assumptions = m.coil_names, m.bounds, True, True, ()
         field, gradient = staticmethod(m.field), staticmethod(m.gradient)
@@ -103,7 +103,7 @@ def test_a_solved_device_has_the_currents_of_its_map(tmp_path):
 
 
 def test_iron_that_saturates(answer):
-    """The answer of --nonlinear gives what was asked for when its state is solved anew; linear iron needs less."""
+    """The currents of --nonlinear give the field when their state is solved anew; linear iron needs less current."""
     there = "magnet_core --at-mm 0 0 -40 --refinement 0.5"
     asked = f"currents {there} --field nan nan 4e-3"
     linear = answer(f"{asked} --mu-r 1000 --limit 10")["currents"][0]
@@ -120,7 +120,7 @@ def test_iron_that_saturates(answer):
 
 
 def test_lift_of_a_payload_that_may_turn(answer, tmp_path):
-    """Over five level coils and one below: the field points as the payload does, and its gradient carries it."""
+    """Six coils on a ring at two heights: the field is along the moment, and its gradient carries the payload."""
     ring = "".join(
         f'[[coil]]\nname = "{k}"\nkind = "circular"\ninner_radius_mm = 8\nouter_radius_mm = 12\nheight_mm = 10\n'
         f"turns = 200\nposition_mm = [{30 * np.cos(k)}, {30 * np.sin(k)}, {10 * (k % 2)}]\n\n"

@@ -1,4 +1,4 @@
-"""`fieldmap export` and `fieldmap import`: what is written, beside the functions that write it."""
+"""`fieldmap export` and `fieldmap import`: the files written, compared with the Python functions."""
 
 import json
 import shutil
@@ -26,7 +26,7 @@ from fieldmap.plot.vti import write_vti
 
 @pytest.fixture
 def exported(command, machine, tmp_path):
-    """exported(name, line): what `fieldmap export LINE` of the map of the thin loop prints; it writes to this name."""
+    """exported(name, line): stdout of `fieldmap export LINE` of the thin loop's map, written to this name."""
 
     def export(name, line, source=machine.map):
         code, out, err = command(f"export --to {line} -o", tmp_path / name, source)
@@ -100,7 +100,7 @@ WRITERS = {"csv": write_csv, "vti": write_vti}
 
 @pytest.mark.parametrize(("to", "currents"), [("csv", None), ("csv", [2.0]), ("vti", [2.0])])
 def test_tables_and_pictures(exported, machine, tmp_path, to, currents):
-    """The command writes what the function does."""
+    """The command writes the same file as the function."""
     target = tmp_path / f"loop.{to}"
     assert exported(target.name, to if currents is None else f"{to} --currents 2").split() == [str(target)]
     same = WRITERS[to](open_map(machine.map), tmp_path / f"same.{to}", currents)
@@ -109,7 +109,7 @@ def test_tables_and_pictures(exported, machine, tmp_path, to, currents):
 
 @pytest.mark.parametrize("to", ["csv", "vti"])
 def test_the_field_of_a_device(exported, machine, tmp_path, to):
-    """What the function writes of the solution, on nodes that divide the box around the workspace."""
+    """The file equals the function's for the solution, on nodes that divide the box around the workspace."""
     target = tmp_path / f"loop.{to}"
     exported(target.name, f"{to} --spacing-mm 10 --currents 2", machine.device)
     solved = open_field(machine.device)
@@ -157,7 +157,7 @@ def test_json_has_the_residual_in_tesla(answer, readings, tmp_path):
 
 
 def test_a_constant_current_and_a_unit_are_given_beside_the_table(answer, command, readings, tmp_path):
-    """The same readings without their column of currents, with one unit less and a column more."""
+    """The same readings with a column less and one unit less, given as options, and with a column more."""
     whole = answer("import --degree 2 -o", tmp_path / "whole.h5", readings)
     rows = np.loadtxt(readings, delimiter=",", skiprows=1)
     rows[:, 3] = np.arange(300)

@@ -1,4 +1,4 @@
-"""`fieldmap identify`: known models recovered from logs, and everything that is wrong with a log told at once."""
+"""`fieldmap identify`: known models recovered from logs, and all mistakes of a log reported at once."""
 
 import shlex
 
@@ -16,7 +16,7 @@ POLES, ZERO, GAIN = (1.01, 0.905), 0.9935, -0.03
 
 @pytest.fixture(scope="module")
 def signals():
-    """A rig with the plant (5-17) of the thesis and noise of its sensor, in closed loop, mm and V."""
+    """A rig with the thesis's plant (5-17) and sensor noise, in closed loop, mm and V."""
     rig = from_roots(GAIN, [ZERO], POLES)
     pid = PID(0.5, 0.007, 0.001, TS, integration="trapezoidal", acts_on_minus_error=True)
     reference = np.concatenate([np.zeros(50), pseudo_random_binary(8, hold=4, samples=2040)])
@@ -62,7 +62,7 @@ def test_the_page_names_every_pole(command, rig):
 
 
 def written_as(signals, path, delimiter, decimal=".", heading="{} ({})", names=None):
-    """The log as another program writes it."""
+    """The log in the format of another program."""
     columns = {"time": TS * np.arange(len(signals["control"])), **signals}
     units = {"time": "s", "reference": "mm", "position": "mm", "control": "V"}
     names = {name: name for name in columns} | (names or {})
@@ -98,7 +98,7 @@ def test_what_is_not_recognised_is_asked_for(command, answer, signals, tmp_path)
     path = written_as(signals, tmp_path / "log.csv", ",", heading="{}", names=names)
     code, _, err = command("identify", path)
     assert code == 2
-    # The time has no unit; neither input nor output are known.
+    # The time has no unit, and neither input nor output has a known name.
     assert all(word in err for word in ("--from", "--to", "column time"))
     line = "identify --from 'ch 1' --to 'ch 2' --unit 'ch 1=V' --unit 'ch 2=mm' --rest 50"
     for of_time in ("--unit time=s", "--sampling-ms 2"):
@@ -117,7 +117,7 @@ def test_all_problems_of_a_file_and_of_the_options_are_told_at_once(command, tmp
 
 
 def test_a_log_of_a_simulated_rig_has_the_poles_of_the_machine(command, answer, written, tmp_path):
-    """PID on six dipoles with a pseudo-random reference; the machine's own linear model knows the poles."""
+    """A PID on six dipoles with a pseudo-random reference, against the poles of the machine's linear model."""
     line = """--set 'reference.0={kind = "prbs", axis = "depth", at_s = 1.0, amplitude_mm = 0.1, bit_ms = 8, order = 8}'
     --set 'sensors.deviation_mm=[0.0, 0.0, 0.00005]' --set coils.dynamics=false --set control.delay_ms=0.0
     --set duration_s=5.0"""
@@ -131,6 +131,6 @@ def test_a_log_of_a_simulated_rig_has_the_poles_of_the_machine(command, answer, 
     found = answer(
         "identify --from 'outputs lift' --to 'seen z' --reference 'reference z'", tmp_path / "run.csv"
     )
-    # The errors are those of the noise: that the force is not quite linear over 0.1 mm is beside them.
+    # The stated errors cover noise only, not the slight nonlinearity of the force over 0.1 mm.
     assert max(found["pole_errors_per_s"]) < 0.02
     np.testing.assert_allclose(np.sort(np.array(found["poles_per_s"])[:, 0]), wanted, rtol=0.015)

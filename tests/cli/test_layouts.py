@@ -1,7 +1,7 @@
-"""What people read: one golden file for each layout, from small fields and made-up results.
+"""The printed pages: one golden file for each layout, from small fields and made-up results.
 
-The numbers themselves are judged by the tests of what computes them. Here all differ, so that none can take the
-place of another.
+The values are tested with the functions that compute them. Here all numbers differ, so that an exchange of two is
+noticed.
 """
 
 import shlex
@@ -33,7 +33,7 @@ from fieldmap.thesis import Comparison, PartResult
 from tests.conftest import DEVICES, SCENARIOS
 
 FILES = Path(__file__).parent / "files"
-# Without noise, and with poles that are not the same along x and y.
+# No noise, and poles that differ along x and y.
 SCENARIO = (
     (SCENARIOS / "step.toml")
     .read_text()
@@ -45,7 +45,7 @@ SCENARIO = (
 
 
 def readings():
-    """A table of B = G r per ampere at 2 A, of a quadrupole, with an error that changes its sign from row to row."""
+    """A table of B = G r per ampere of a quadrupole at 2 A, with an error of alternating sign."""
     steps = np.linspace(-10.0, 10.0, 6)
     points = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
     flux = 2.0 * points @ np.diag([200.0, 200.0, -400.0])
@@ -56,7 +56,7 @@ def readings():
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, circle_of_six, dipole_map, machine):
-    """Where the commands run, so that no path depends on the machine."""
+    """The working folder of the commands, so that printed paths are the same on every machine."""
     place = tmp_path_factory.mktemp("layouts")
     report = {"form": "potential", "tetrahedra": 12345, "surface_faces": 2468, "seconds": {"solve": 12.3}}
     about = {
@@ -80,7 +80,7 @@ def folder(tmp_path_factory, circle_of_six, dipole_map, machine):
 
 @pytest.fixture
 def printed(folder, monkeypatch, capsys):
-    """printed(*words): what a command prints, in the folder, 80 columns wide where it asks the terminal."""
+    """printed(*words): stdout of a command run in the folder, at a terminal width of 80."""
     monkeypatch.chdir(folder)
     monkeypatch.setenv("COLUMNS", "80")
     for name in ("FORCE_COLOR", "TTY_COMPATIBLE"):
@@ -94,7 +94,7 @@ def printed(folder, monkeypatch, capsys):
     return run
 
 
-# Golden file -> the line, and its exit code.
+# Golden file -> command line and exit code.
 LAYOUTS = {
     "help": ("--help", 0),
     "help_of_equilibrium": ("equilibrium --help", 0),
@@ -128,8 +128,8 @@ def test_page(printed, golden, name):
 
 
 def summary_of(domain, names, measured=False):
-    """A made-up summary of a map over currents; measured: beside what was measured on its machine, of an earlier
-    version, and less accurate than was asked for."""
+    """A made-up summary of a map over currents; measured: with measurements of its machine, of an older version, and
+    less accurate than requested."""
     report = tomllib.loads((FILES / "report_over_currents.toml").read_text())
     if measured:
         tried = {"at random": report["states_tried"]["at random"]}
@@ -196,7 +196,7 @@ def test_info_of_a_map_over_currents(printed, golden, monkeypatch, name, domain,
 
 
 def test_equilibrium_of_states(printed, golden, monkeypatch):
-    """The states on the way, and a driver that gives less than the lift current."""
+    """The intermediate states, and a driver limited below the lift current."""
 
     def lifted(source, payload, height, on_state):
         found = LiftCurrent(
@@ -223,7 +223,7 @@ ERROR = ErrorEstimate(0.012, 0.034, (0.0056, 0.0078), (0.0091, 0.011))
 
 
 def solution_of(device, nonlinear):
-    """A made-up summary, whose numbers all differ."""
+    """A made-up summary with different numbers throughout."""
     at = np.array([0.001, 0.002, -0.014])
     gradient = np.arange(1.0, 10.0).reshape(3, 3) / 100.0
     law = REPORT["state"] if nonlinear else REPORT["linear"] | {"error": ERROR}

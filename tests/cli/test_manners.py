@@ -1,4 +1,4 @@
-"""What every command shares: exit codes, help, examples, lists of numbers, options anywhere, a log, completion."""
+"""Properties of all commands: exit codes, help, examples, lists of numbers, option order, logs, completion."""
 
 import inspect
 import json
@@ -39,7 +39,7 @@ def test_every_parameter_has_a_help_and_every_help_a_parameter():
 
 @pytest.mark.parametrize("columns", ["80", "100"])
 def test_no_word_of_a_help_is_lost(capsys, monkeypatch, columns):
-    """Of the docstrings, whose words in square brackets could be taken for markup."""
+    """Words of docstrings in square brackets must not be taken for markup."""
     monkeypatch.setenv("COLUMNS", columns)
     monkeypatch.setitem(COMMANDS, "check", COMMANDS["check"]._replace(call=with_brackets))
     program = application.__wrapped__()
@@ -73,15 +73,15 @@ for page in ("commands.md", "pictures.md"):
 
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_every_example_is_understood(example):
-    """The words of the examples in the help and on two pages fit what the command declares."""
+    """The examples in the help and on two pages parse with the declarations of the commands."""
     words = join_lists(shlex.split(example.split(">")[0])[1:])
-    # A program of its own: a command keeps the help options of the context in which it was first parsed.
+    # A separate program, because a command keeps the help options of the context in which it was first parsed.
     inner = application.__wrapped__().commands[words[0]]
     inner.make_context(words[0], words[1:]).close()
 
 
 def test_help_is_quick():
-    """What makes a start slow stays out; the clock itself is no test on a busy machine."""
+    """Slow imports are not loaded; times are not tested, because the machine may be busy."""
     program = "import sys\nfrom fieldmap.cli import main\ncode = main(['--help'])\nprint(*sys.modules)\nsys.exit(code)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.returncode == 0
@@ -150,7 +150,7 @@ def test_the_summary_of_a_map_is_what_info_prints(command, answer, machine):
     assert code == 0
     assert "complete already" in err
     assert command("info", machine.map)[1] == out
-    # Neither --json nor a map without its summary draws unless told.
+    # Without --pictures, --json and maps without summary draw nothing.
     assert answer(*made)["title"] == "Field of a thin loop"
     assert command(*made)[0] == 0
     assert not list(Path(machine.map).parent.glob("*.png"))
@@ -216,7 +216,7 @@ def test_the_module_is_the_program():
 
 
 def completed(line):
-    """What the shell would be offered for a line of words, the last of them unfinished."""
+    """Completions that the shell gets for a line whose last word is unfinished."""
     words = {"COMP_WORDS": line, "COMP_CWORD": str(len(line.split(" ")) - 1)}
     run = [sys.executable, "-c", "import sys; from fieldmap.cli import main; sys.exit(main([]))"]
     env = os.environ | words | {"_FIELDMAP_COMPLETE": "complete_bash"}
@@ -244,7 +244,7 @@ def test_quiet_leaves_the_result_alone(command):
     code, quiet, nothing = command(f"--quiet {line}")
     assert (code, nothing) == (0, "")
     assert "solving" in told
-    # The cost in seconds differs from run to run.
+    # The time in seconds differs between runs.
     assert quiet.splitlines()[-3:] == loud.splitlines()[-3:]
     code, _, err = command("--quiet check no_such_device")
     assert (code, "no_such_device" in err) == (2, True)

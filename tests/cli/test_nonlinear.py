@@ -1,4 +1,4 @@
-"""Saturating iron on the command line, against the exact sphere in a uniform field and against proportion."""
+"""Saturating iron on the command line, against the exact sphere in a uniform field and against proportionality."""
 
 import json
 import re
@@ -10,7 +10,7 @@ from scipy.constants import mu_0
 
 from tests.conftest import DEVICES
 
-# As in the file of the device: radii, turns, and the end of the bend of the B-H curve.
+# From the device's file: radii, turns, and the end of the bend of the B-H curve.
 LOOP, BALL, TURNS, KNEE_H, KNEE_B = 0.1, 0.003, 10000, 500.0, 1.2
 DEVICE = DEVICES / "saturating_ball_in_loop.toml"
 
@@ -25,7 +25,7 @@ def loop_slope(z):
 
 
 def ball_moment(current):
-    """Moment of a sphere in a uniform field: H = H0 - M/3; M = chi H, or the saturated M, outside the bend; A m^2."""
+    """Moment, A m^2, of a sphere in a uniform field, outside the bend: H = H0 - M/3, M = chi H or the saturated M."""
     chi = KNEE_B / (mu_0 * KNEE_H) - 1
     saturation = KNEE_B / mu_0 - KNEE_H
     linear = chi / (1 + chi / 3) * loop(0.0) * current / mu_0
@@ -35,7 +35,7 @@ def ball_moment(current):
 
 
 def on_axis(z, current):
-    """Bz and dBz/dz on the axis: the loop's, and those of a dipole in the ball's centre."""
+    """Bz and dBz/dz on the axis: of the loop plus a dipole in the ball's centre."""
     dipole = mu_0 * ball_moment(current) / (2 * np.pi)
     field = current * loop(z) + dipole / abs(z) ** 3
     return field, current * loop_slope(z) + 3 * dipole / abs(z) ** 4 * -np.sign(z)
@@ -43,13 +43,13 @@ def on_axis(z, current):
 
 @pytest.fixture
 def heavy(tmp_path):
-    """The same with a payload that only a saturated ball carries at -6 mm."""
+    """The device with a payload that only a saturated ball carries at -6 mm."""
     path = tmp_path / "ball.toml"
     path.write_text(DEVICE.read_text().replace("mass_g = 0.2", "mass_g = 60.0"))
     return path
 
 
-# Straight up to B = 3 B0 = 0.6 T, saturated from 3 B0 = 1.2 T on: below 3.2 A and above 6.4 A.
+# The curve is straight up to B = 3 B0 = 0.6 T, below 3.2 A, and saturated from 3 B0 = 1.2 T, above 6.4 A.
 @pytest.mark.parametrize("current", [1.0, 20.0])
 def test_solve(answer, current):
     found = answer("solve --nonlinear --at-mm '0 0 -6' --currents", current, DEVICE)
@@ -93,7 +93,7 @@ def test_lift_current(command, heavy, device, mass):
     assert found["force"][2] == pytest.approx(mass * gravity, rel=1e-4)
     assert found["states"][-1] == {"current": found["lift_current"], "lift": pytest.approx(found["force"][2])}
     assert found["measured"] is None
-    # Below the knee force is proportional to current; above it only the loop's own share grows.
+    # Below the knee the force is proportional to the current; above it only the loop's own field grows.
     i = found["lift_current"]
     slope = (on_axis(-0.006, 1.001 * i)[1] - on_axis(-0.006, 0.999 * i)[1]) / (0.002 * i)
     assert found["force_per_ampere"][2] == pytest.approx(0.01 * slope, rel=0.03)
@@ -104,7 +104,7 @@ def test_equilibrium_of_a_state(answer, heavy):
     assert found["position"][:2] == pytest.approx([0, 0], abs=1e-4)
     force = 0.01 * on_axis(found["position"][2], 20.0)[1]
     assert force == pytest.approx(6e-2 * gravity, rel=0.02)
-    # Second gradients by differences over 0.1 mm, 5 mm from the ball's centre.
+    # Second gradients are differences over 0.1 mm, at 5 mm from the ball's centre.
     assert abs(found["trace"]) < 5e-3 * np.abs(found["stiffness"]).max()
 
 
@@ -119,7 +119,7 @@ def test_known_values_hold_for_their_own_iron_and_currents(answer):
 
 
 def test_linear_iron_keeps_its_known_values_in_a_state(answer):
-    """A sphere of constant mu_r is the same in both solvers, and its closed form holds at its currents."""
+    """A sphere of constant mu_r is the same in both solvers, so its closed form holds at the given currents."""
     found = answer("solve loop_and_sphere --nonlinear --currents 1 --refinement 0.6")
     assert all(abs(row["deviation"]) < 5e-3 for row in found["references"])
 

@@ -1,6 +1,6 @@
-"""Outputs of commands: never a file that is read, never one of another origin, and with the ending of their format.
+"""Outputs of commands never replace an input or a file of another origin, and have an ending of their format.
 
-The commands and their outputs are those of the command line's own declarations.
+Commands and outputs come from the declarations of the command line.
 """
 
 import json
@@ -14,7 +14,7 @@ from fieldmap.cli.application import COMMANDS, application
 from fieldmap.cli.options import outputs_of
 from fieldmap.store.output_formats import FORMATS, output_problems
 
-# A command that writes -> its line without outputs. {input} is a file that it reads.
+# Command with outputs -> its line without them; {input} is an input file.
 LINES = {
     "map": "map {input}",
     "export": "export {input} --to csv",
@@ -28,7 +28,7 @@ LINES = {
     "app": "app {input} --web",
     "thesis": "thesis S7",
 }
-# Parameters with paths that are read.
+# Path parameters that are inputs.
 READ = {
     ("import", "source"),
     ("identify", "log"),
@@ -63,7 +63,7 @@ def test_every_path_is_declared_as_read_or_written(name):
 
 @pytest.mark.parametrize(("name", "output"), OUTPUTS)
 def test_no_output_takes_the_place_of_an_input(command, tmp_path, name, output):
-    """The same file in both places, with each ending that the output may have."""
+    """The same file as input and output, with each ending that the output may have."""
     for ending in endings(name, output):
         read = tmp_path / f"read{ending}"
         read.write_bytes(b"read by the command")
@@ -78,7 +78,7 @@ def test_no_output_takes_the_place_of_an_input(command, tmp_path, name, output):
 
 @pytest.mark.parametrize(("name", "output"), OUTPUTS)
 def test_no_output_takes_the_place_of_another_file(command, tmp_path, name, output):
-    """Of notes with the right ending, and of a file of the right kind that another program has written."""
+    """Neither notes with a valid ending nor a file of the right format from another program are replaced."""
     read = tmp_path / "read.toml"
     read.write_text("format = 1")
     line = shlex.split(LINES[name].format(input=read))
@@ -117,7 +117,7 @@ def test_two_outputs_are_two_files(command, tmp_path):
 
 
 def test_a_picture_of_another_program_is_not_drawn_over(command, machine, tmp_path):
-    """Where nobody has named it: beside a map and beside a study."""
+    """Pictures without a given name, next to a map and next to a study."""
     photo = b"\x89PNG\r\n\x1a\n" + bytes(500)
     (tmp_path / "loop.h5").write_bytes(Path(machine.map).read_bytes())
     (tmp_path / "loop.png").write_bytes(photo)
@@ -158,7 +158,7 @@ def test_what_a_command_has_written_it_may_write_again(
     assert len(files) == len(WRITTEN[line])
     for name, kind in zip(files, WRITTEN[line], strict=True):
         assert output_problems(name, name, [kind]) == []
-        # Nor does it pass for anything else.
+        # A written file is not accepted in place of another kind of output.
         others = [
             one
             for one in FORMATS

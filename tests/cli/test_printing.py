@@ -1,4 +1,4 @@
-"""What all pages share: zeros without a sign, directions, and tables that keep their numbers whole."""
+"""Properties of all printed pages: zeros without sign, directions, and tables that do not break numbers."""
 
 import re
 from types import SimpleNamespace
@@ -37,7 +37,7 @@ def test_no_page_prints_minus_zero(capsys):
 
 
 def test_what_rounding_leaves_is_printed_as_zero(capsys):
-    """On the axis of a coil the moment lies along the field: no torque, no force sideways."""
+    """On the axis of a coil the moment is parallel to the field: no torque and no sideways force."""
     point = SimpleNamespace(
         at=np.zeros(3),
         moment=np.array([5e-17, 0.0, 0.8]),

@@ -1,4 +1,4 @@
-"""Command lines that are refused: exit code 2, what is wrong and its remedy, before anything is solved or written."""
+"""Refused command lines: exit code 2, problem and remedy, before a solve or a file."""
 
 import json
 import shlex
@@ -29,7 +29,7 @@ LINES = [(f"{name} {words}", said) for name, lines in REFUSED.items() for words,
 
 @pytest.fixture
 def folder(machine, six_coils, written, tmp_path, monkeypatch):
-    """A folder with files that are wrong, in which the command runs, and the names in `REFUSED`."""
+    """A working folder with wrong files, and the names used in `REFUSED`."""
     for name, text in TEXTS.items():
         (tmp_path / name).write_text(text)
     (tmp_path / "half.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))

@@ -54,7 +54,7 @@ counted = FunctionController(steady, state=1, upper=[10.0, 1.0, 1.0])
 
 @pytest.fixture
 def own(tmp_path):
-    """The controller of OWN, as the option takes it."""
+    """The controller of OWN, as the value of --controller."""
     (tmp_path / "own.py").write_text(OWN)
     return f"{tmp_path / 'own.py'}:counted"
 
@@ -94,7 +94,7 @@ def test_what_lies_beside_the_file_of_a_controller_is_found(command, written, tm
 
 
 def test_a_run_that_does_not_settle_says_so(command, written):
-    """Its magnet stays off its reference: by how much, from the samples themselves."""
+    """Its magnet stays off its reference; the RMS error printed is recomputed from the samples."""
     path = written()
     half = {"control.z.Kc": 0.4, "duration_s": 0.5}
     run = simulate(path, half, seed=0)
@@ -108,7 +108,7 @@ def test_a_run_that_does_not_settle_says_so(command, written):
     off = float(line.split(":")[1].split()[0])
     wanted = 1e3 * np.sqrt(np.mean((run.sensed - run.references)[after, 2] ** 2))
     assert off == pytest.approx(wanted, rel=5e-3)
-    # Left alone for longer, it settles.
+    # A longer run settles.
     code, out, _ = command("simulate --seed 0 --set duration_s=20.0 --set noise.off=true", path)
     assert code == 0
     assert "settling " not in [line[:9] for line in out.splitlines()]
@@ -121,13 +121,13 @@ def test_a_run_that_does_not_settle_says_so(command, written):
 def test_a_controller_that_fails_is_bad_input(command, written, tmp_path, name):
     (tmp_path / "broken.py").write_text("1 / 0")
     code, _, err = command("simulate", written(), "--controller", tmp_path / name)
-    # `steady` writes to a state that it has not asked for.
+    # `steady` writes to a state although it declares none.
     where = {"own.py:late": "own.py, line 10", "own.py:steady": "own.py, line 5"}
     assert (code, where.get(name, "--controller") in err) == (2, True)
 
 
 def test_a_log_is_laid_over_the_run(command, answer, written, tmp_path):
-    """A log that another run wrote, later by 0.1 s, shifted by 20 um and with noise of 5 um, in mm and in depth."""
+    """A log of another run, later by 0.1 s, shifted by 20 um, with 5 um of noise, in mm and as depth."""
     path = written()
     other = simulate(path, {"duration_s": 0.6}, seed=0)
     noise = np.random.default_rng(2).normal(scale=0.005, size=len(other.time))
@@ -189,7 +189,7 @@ def test_a_log_in_the_frame_of_the_map_is_what_simulate_writes(command, answer, 
     assert apart["1"]["rms"] < 1e-8
 
 
-# What ends a run, and where the magnet is then; lengths in m. tests/dynamics/test_closed_loop.py has every event.
+# Event that ends a run -> options, and where the magnet is then, m. tests/dynamics/test_closed_loop.py has all events.
 DOWN = "--set 'start.shift_mm=[0.0, 0.0, 1.0]'"
 GUST = "--set 'disturbance=[{force_mN=[40.0, 0.0, 0.0], from_s=0.1, until_s=3.0}]'"
 FAILING = {
@@ -206,7 +206,7 @@ FAILING = {
 
 @pytest.fixture
 def simulated(command, six_coils):
-    """simulated(line, *words): the shipped step on a map made up, with changes."""
+    """simulated(line, *words): the shipped step on a made-up map, with changes."""
     return lambda line, *words: command(f"simulate vertical_step {line} --map", six_coils, *words)
 
 
@@ -222,11 +222,11 @@ def test_a_failing_run_ends_with_its_event_and_keeps_its_data(simulated, tmp_pat
     assert FAILING[name][1](state[:3]), state
     assert len(currents) == 6
     time = run.arrays["time"][0]
-    # One row a control period up to the event, and none after it.
+    # One row per control period up to the event, none after it.
     assert 10 < len(time) < 1500
     assert end - 2.1e-3 < time[-1] <= end
     assert all(len(values) == len(time) and np.isfinite(values).all() for values, *_ in run.arrays.values())
-    # The last row is the state of one period before at most: that far the body moves in that time.
+    # The last row is at most one period before the event, which bounds the distance to the final state.
     travel = np.linalg.norm(run.arrays["position"][0][-1] - state[:3])
     assert travel <= 2.2e-3 * np.linalg.norm(state[3:6]) + 1e-6
     assert "step" in about["scenario"].lower()
@@ -268,7 +268,7 @@ def test_models_are_written(command, answer, six_coils, tmp_path):
 
 
 def test_what_rounding_leaves_of_a_mode_is_printed_as_zero(command):
-    # Nothing but rounding turns an upright magnet of one axis about that axis.
+    # An upright magnet with one axis is turned about this axis by rounding alone.
     code, text, err = command("linearise hold --map sample --set field.scale=2")
     assert code == 0, err
     turning = [line.split() for line in text.splitlines() if "turn_z" in line]
@@ -276,20 +276,20 @@ def test_what_rounding_leaves_of_a_mode_is_printed_as_zero(command):
 
 
 def test_a_machine_that_cannot_carry_its_payload_anywhere_says_so(command):
-    # The shipped map's six coils need 5.8 A at its highest place, and their driver gives 3.55 A.
+    # At the shipped map's highest place the six coils need 5.8 A, but the driver gives 3.55 A.
     code, _, err = command("simulate hold --map sample")
     told = " ".join(err.split())
     assert (code, "3.55 A" in told, "lighter payload" in told) == (1, True, True)
 
 
 def pasted(text):
-    """The words of the one line of a page that begins with --set, as a shell takes them."""
+    """The words of a page's only line with --set, as a shell would split them."""
     (line,) = (line for line in text.splitlines() if line.startswith("--set "))
     return shlex.split(line)
 
 
 def test_tune_prints_controllers_that_simulate_takes(written, command, answer):
-    """A shell takes the line --set of the page, whole; margins that cannot be had end with exit code 1."""
+    """The page's --set line works in a shell; unreachable margins end with exit code 1."""
     path = written()
     code, text, _ = command("tune --axis z --crossover 8 --phase-margin 40", path)
     assert code == 0

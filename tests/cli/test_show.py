@@ -1,4 +1,4 @@
-"""`fieldmap show` and `fieldmap app` in numbers, and on a machine without a screen."""
+"""`fieldmap show` and `fieldmap app` with --json, and on a machine without a screen."""
 
 import os
 import subprocess
@@ -19,7 +19,7 @@ def test_slices_in_numbers(answer, machine, tmp_path):
     picture = tmp_path / "slices.png"
     told = answer("show --quantity Bz --currents 2 --save", picture, machine.map)
     assert (told["what"], told["saved"], told["currents"]) == ("slices", str(picture), [2.0])
-    # Lowest at the bottom, highest on the axis at the top, 60 mm below the loop.
+    # The field is lowest at the bottom and highest on the axis at the top, 60 mm below the loop.
     low, high = told["ranges"]["Bz, mT"]
     assert high == pytest.approx(2e3 * flux(-0.060), rel=1e-3)
     assert low == pytest.approx(2e3 * flux(-0.124), rel=0.02)
@@ -37,7 +37,7 @@ def test_an_equilibrium_in_numbers(answer, machine, tmp_path):
 
 @needs_opengl
 def test_reachable_flux_densities_in_numbers(answer, six_coils, tmp_path):
-    """The ends of the set along z: every coil at its limit, with the sense that helps."""
+    """The ends of the set along z have every coil at its limit, with the sign that helps."""
     picture = tmp_path / "set.png"
     line = "show --what reachable --quantity B --at-mm '3 -2 -95' --limit 2.5 --save"
     told = answer(line, picture, six_coils)["reachable"]
@@ -60,7 +60,7 @@ def test_the_app_in_numbers(answer, machine, tmp_path):
     ("words", "height"), [("--height-mm=-87", pytest.approx(-0.087, abs=1e-15)), ("", None)]
 )
 def test_the_height_of_the_shift_is_passed_on_in_metres(command, machine, monkeypatch, words, height):
-    """The shift itself takes a map of six coils: tests/plot/test_scenes.py."""
+    """The shift itself needs a map of six coils: tests/plot/test_scenes.py."""
     asked = []
 
     def gathered(source, currents, what, minus, z, *of_reachable):
@@ -75,7 +75,7 @@ def test_the_height_of_the_shift_is_passed_on_in_metres(command, machine, monkey
 @needs_opengl
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux machines have no screen")
 def test_without_a_screen_a_picture_comes_without_a_word(machine, tmp_path):
-    """A process of its own: VTK chooses what it draws with once, and complained about an X server."""
+    """In a subprocess, because VTK chooses its renderer once; it must not complain about a missing X server."""
     environment = {name: value for name, value in os.environ.items() if name != "DISPLAY"}
     picture = tmp_path / "device.png"
     program = [sys.executable, "-m", "fieldmap", "show", machine.device, "--save", str(picture)]

@@ -38,7 +38,7 @@ def test_equilibrium(answer, command):
 
 @pytest.mark.parametrize(("amperes", "told"), [("5", "coils above"), ("0", "turn the currents on")])
 def test_no_balance_has_a_remedy(command, tmp_path, amperes, told):
-    """A loop below the box pulls soft iron down whatever the sign of its current."""
+    """A loop below the box attracts soft iron downward at either sign of its current."""
     path = tmp_path / "bead.toml"
     path.write_text(BEAD.read_text().replace("position_mm = [0, 0, 0]", "position_mm = [0, 0, -60]"))
     code, _, err = command("equilibrium --currents", amperes, path)

@@ -19,7 +19,7 @@ def test_what_a_designer_asks_for(answer):
         assert one["time_constant"] == pytest.approx(one["inductance"] / one["resistance"])
     assert found["power"] == pytest.approx(sum(one["power"] for one in found["windings"]))
     whole = [part["force"] for part in (*found["coil_forces"], *found["iron_forces"])]
-    # Action and reaction.
+    # Action equals reaction.
     assert sum(force[2] for force in whole) == pytest.approx(0.0, abs=0.05 * max(abs(f[2]) for f in whole))
 
 

@@ -15,13 +15,13 @@ from tests.conftest import DEVICES
 from tests.studies.test_design_file import GOOD
 
 with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # of its own imports
+    warnings.simplefilter("ignore")  # warnings of its own imports
     import xarray  # noqa: F401
 
 
 @pytest.fixture
 def study(machine, tmp_path):
-    """Two turns of the thin loop, whose current carries the payload 90 mm below it."""
+    """Two numbers of turns for the thin loop, with the current that carries the payload 90 mm below it."""
     text = (Path(__file__).parent / "files" / "turns.toml").read_text().split("[[currents]]")
     path = tmp_path / "turns.toml"
     path.write_text("[[currents]]".join(text[:2]).replace("thin_loop.toml", machine.device))
@@ -44,13 +44,13 @@ def test_files_table_and_numbers(study, tmp_path, command, answer):
 
 
 def test_a_study_in_which_every_variant_fails(study, command, tmp_path):
-    # A place that the currents cannot carry at: outside the workspace, in every variant.
+    # Outside the workspace the payload cannot be carried, so every variant fails.
     study.write_text(study.read_text().replace("-90]", "-900]"))
     code, out, err = command("study -o", tmp_path / "turns.nc", study)
     assert code == 1
     assert "OutsideMapError" in out
     assert "OutsideMapError" in err
-    # One document for programs: the rows say why each variant failed.
+    # With --json one document is printed, and its rows say why each variant failed.
     code, out, err = command("study --json --no-plot -o", tmp_path / "again.nc", study)
     assert code == 1
     assert all("OutsideMapError" in row["problem"] for row in json.loads(out)["rows"])
@@ -85,7 +85,7 @@ def test_maps_of_variants_that_all_fail(study, machine, tmp_path, command):
     made = Path(machine.recipe)
     over = made.with_name("turns.toml")
     over.write_text(study.read_text().replace(machine.device, "thin_loop.toml"))
-    # Too few nodes, in every variant.
+    # Too few nodes in every variant.
     recipe = made.with_name("wide.toml")
     recipe.write_text(re.sub(r"spacing_mm = .*", "spacing_mm = 1000.0", made.read_text()))
     code, out, _ = command("", "map", recipe, "--over", over, "-o", tmp_path / "turns.nc")
@@ -95,7 +95,7 @@ def test_maps_of_variants_that_all_fail(study, machine, tmp_path, command):
 
 @pytest.fixture
 def best(tmp_path):
-    """Path of a study file with [optimise], its device beside it."""
+    """Path of a study file with [optimise]; its device is in the same folder."""
     (tmp_path / "thin_loop.toml").write_text((DEVICES / "thin_loop_with_driver.toml").read_text())
     (tmp_path / "best.toml").write_text(GOOD.replace('method = "trust-constr"', ""))
     return tmp_path / "best.toml"

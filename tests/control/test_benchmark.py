@@ -1,4 +1,4 @@
-"""The timing of controllers runs, on loops that stay where they belong; how fast is not tested here."""
+"""The timing of controllers runs on stable loops; their speed is not tested."""
 
 import importlib
 import json
@@ -20,7 +20,7 @@ def test_section_prints_every_way():
 
 
 def test_what_is_timed_is_levitation(monkeypatch):
-    """0.1 mm steps of both controllers arrive, within the noise of the sensor."""
+    """Steps of 0.1 mm arrive with both controllers, within the sensor noise."""
     monkeypatch.syspath_prepend(str(SCRIPTS))
     section = importlib.import_module("benchmarks.controllers")
     for name, _, work in section.ways(3, 2000):

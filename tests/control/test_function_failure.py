@@ -1,4 +1,4 @@
-"""Where a compiled controller wrote beside its arrays, and what to do about it."""
+"""Where a compiled controller wrote outside its arrays, and the remedy."""
 
 import pytest
 

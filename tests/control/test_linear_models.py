@@ -25,7 +25,7 @@ def test_zero_order_hold_is_that_of_scipy_and_has_an_inverse(A, B):
 
 
 def test_an_integrator_has_no_inverse_matrix_and_still_is_sampled():
-    """dx/dt = v, dv/dt = u: x grows by u Ts^2 / 2, where A has no inverse."""
+    """dx/dt = v, dv/dt = u: x grows by u Ts^2 / 2, though A is singular."""
     A_d, B_d = control.zero_order_hold([[0, 1], [0, 0]], [[0], [1]], 0.1)
     np.testing.assert_allclose(A_d, [[1, 0.1], [0, 1]], atol=1e-15)
     np.testing.assert_allclose(B_d[:, 0], [0.005, 0.1], atol=1e-15)

@@ -42,7 +42,7 @@ def theirs(gains):
 
 @pytest.mark.parametrize("gains", SETTINGS)
 def test_step_and_its_metrics_are_those_of_python_control(gains):
-    """Their times are whole samples."""
+    """python-control rounds times to whole samples."""
     run = simulate_loop(VERTICAL, pid(*gains), np.ones(2000))
     _, y = reference.step_response(theirs(gains), run.time)
     np.testing.assert_allclose(run.y[0], y, rtol=1e-8, atol=1e-9)
@@ -54,8 +54,15 @@ def test_step_and_its_metrics_are_those_of_python_control(gains):
     assert ours.settling_time == pytest.approx(info["SettlingTime"], abs=2 * TS)
 
 
+@pytest.mark.parametrize("reached", [0.05, 0.5])
+def test_a_record_that_ends_too_early_has_an_infinite_rise_time(reached):
+    """A ramp that ends below 10 % or between 10 and 90 % of the step."""
+    time = np.linspace(0.0, 1.0, 11)
+    assert control.step_metrics(time, reached * time).rise_time == np.inf
+
+
 def test_noise_at_rest_obeys_lyapunov():
-    """Variance of y for white sensor noise: P = A P A' + B B' of the transfer function from noise to y; 200 runs."""
+    """Variance of y from white sensor noise: P = A P A' + B B' for the transfer function from noise to y; 200 runs."""
     gains = SETTINGS[1]
     loop = reference.ss(theirs(gains))
     P = scipy.linalg.solve_discrete_lyapunov(loop.A, loop.B @ loop.B.T)
@@ -74,7 +81,7 @@ def test_runs_are_independent_of_each_other():
 
 
 def test_a_limited_drive_loses_what_a_free_one_holds():
-    """An unstable plant is lost when its drive cannot give the push: |u| >= 4.87 is needed to move by 1."""
+    """A limited drive loses an unstable plant: a move by 1 needs |u| >= 4.87."""
     wide, narrow = (
         LoopInstruments(drive=np.array([0.0, -limit, limit, 1.0, 0.0, -np.inf, np.inf]))
         for limit in (6.0, 4.0)

@@ -1,4 +1,4 @@
-"""The PID controller against its law written out, scipy's filters, numbers by hand, and what limits must do."""
+"""The PID controller against its law written out, scipy's filters, and results by hand at limits."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ RULES = {"rectangular": "backward_diff", "trapezoidal": "bilinear"}
 @pytest.mark.parametrize(("Kc", "Ti", "Td"), SETTINGS)
 def test_it_is_the_textbook_controller_sampled_by_scipy(Kc, Ti, Td, Tf, integration):
     """Kc (1 + 1 / (s Ti) + s Td / (1 + s Tf)) (Astrom and Murray, Feedback Systems, 2nd edition, section 11.5), each
-    part sampled on its own; the derivative by backward differences."""
+    part sampled separately; the derivative by backward differences."""
 
     def part(top, bottom, rule):
         (numerator,), denominator, _ = scipy.signal.cont2discrete((top, bottom), TS, rule)
@@ -67,7 +67,7 @@ def written_out(pid, references, measured):
 @pytest.mark.parametrize(("Tf", "b", "c"), [(0.0, 1.0, 1.0), (0.0, 0.6, 0.0), (0.003, 1.0, 0.3)])
 @pytest.mark.parametrize(("Td", "tracking"), [(0.004, None), (0.0, None), (0.004, 0.03), (0.004, 1e-9)])
 def test_the_law_written_out(integration, anti_windup, minus, Tf, b, c, Td, tracking):
-    """To 1e-12 of the largest term, with limits that it is at for a part of the time."""
+    """To 1e-12 of the largest term; the output is at its limits for a part of the time."""
     pid = PID(0.5, 0.05, Td, TS, -1.0, 1.5, integration, anti_windup, tracking, Tf, minus, b, c)
     references, measured = 0.3 * ERRORS[::-1], np.cumsum(ERRORS) / 4
     expected = written_out(pid, references, measured)
@@ -76,8 +76,8 @@ def test_the_law_written_out(integration, anti_windup, minus, Tf, b, c, Td, trac
 
 
 def test_the_filter_takes_off_noise_and_passes_slopes():
-    """Of y = t the derivative part is -Kc Td (1 - a^n), a = Tf / (Tf + Ts). White noise of variance 1 comes through
-    (1 - q^-1) / (1 - a q^-1) with variance 2 / (1 + a)."""
+    """For y = t the derivative part is -Kc Td (1 - a^n), a = Tf / (Tf + Ts). For white noise of variance 1, the
+    variance after (1 - q^-1) / (1 - a q^-1) is 2 / (1 + a)."""
     Td, Tf = 0.05, 0.018
     kept, n = Tf / (Tf + TS), np.arange(100)
     of_slope = run_pid(PID(3.0, np.inf, Td, TS, Tf=Tf), 0.0, TS * n) + 3.0 * TS * n
@@ -96,7 +96,7 @@ def test_weights_of_the_set_point_at_a_step(b, c, kick):
     """By hand: Kc = 4, Ts / 2 Ti = 1 / 40, Td / (Tf + Ts) = 2.5: 4 (b + 1 / 40 + 2.5 c)."""
     pid = PID(4.0, 0.04, 0.01, TS, Tf=0.002, b=b, c=c)
     assert run_pid(pid, 1.0, [0.0])[0] == pytest.approx(kick, rel=1e-14)
-    # What is measured is not weighted.
+    # The measured value has no weight.
     assert run_pid(pid, 0.0, [1.0])[0] == pytest.approx(-14.1, rel=1e-14)
 
 
@@ -119,7 +119,7 @@ def test_a_limit_by_hand(anti_windup):
 
 
 def test_from_hand_to_automatic_without_a_bump():
-    """At rest the output stays; with an error it goes on by the integral's part of each sample: 2 (0.1 / 0.5) 0.3."""
+    """At rest the output stays; an error adds the integral part of each sample: 2 (0.1 / 0.5) 0.3."""
     running = RunningPID(PID(2.0, 0.5, 0.3, 0.1, Tf=0.05, b=0.4, c=0.2, acts_on_minus_error=True))
     running.start(7.5, reference=1.2, measured=1.2)
     np.testing.assert_allclose([running.step(1.2, 1.2) for _ in range(3)], 7.5, rtol=1e-14)
@@ -136,14 +136,14 @@ def test_other_gains_at_the_first_sample_without_a_bump():
 
 @pytest.mark.parametrize("minus", [False, True])
 def test_other_gains_without_a_bump(minus):
-    """At rest away from the reference, where the proportional parts differ, and on a slope that both know."""
+    """At rest away from the reference, where the proportional parts differ, and on a slope seen by both controllers."""
     old = PID(2.0, np.inf, 0.3, 0.1, Tf=0.4, b=0.5, c=0.7, acts_on_minus_error=minus)
     new = PID(5.0, np.inf, 0.6, 0.1, Tf=0.4, b=0.9, c=0.1, acts_on_minus_error=minus)
     running = RunningPID(old)
     still = [running.step(1.0, 0.4) for _ in range(300)][-1]
     running.change(new)
     assert [running.step(1.0, 0.4) for _ in range(50)] == pytest.approx([still] * 50, rel=1e-12)
-    # A step of what is measured now has the new gains: 5 (1 + 0.6 / 0.5).
+    # A step of the measured value meets the new gains: 5 (1 + 0.6 / 0.5).
     assert abs(running.step(1.0, 0.5) - still) == pytest.approx(0.1 * 5.0 * 2.2, rel=1e-9)
     running = RunningPID(old)
     for measured in (0.0, 0.1, 0.2):
@@ -151,7 +151,7 @@ def test_other_gains_without_a_bump(minus):
     twin = RunningPID(old)
     twin.memory[:], after = running.memory, replace(new, Ti=3.0)
     running.change(after)
-    # The derivative part decays as it would have done with the old gains, as both have one filter.
+    # The derivative part decays as with the old gains, because both controllers have the same filter.
     same = [twin.step(1.0, 0.2) for _ in range(20)]
     running.controller = replace(after, Ti=np.inf)
     added = 5.0 * 0.1 / 3.0 * 0.8 * np.arange(1, 21) * (-1.0 if minus else 1.0)
@@ -181,7 +181,7 @@ def test_one_call_a_sample_is_the_same():
     ("anti_windup", "samples"), [("none", 1500), ("clamping", 2), ("back_calculation", 12)]
 )
 def test_the_way_back_from_a_limit(anti_windup, samples):
-    """A second of error 1, then error -1: an integral wound up to 50 takes as long to unwind; PI, Ti = 20 ms."""
+    """Error 1 for a second, then -1: an integral wound up to 50 takes as long to unwind. PI, Ti = 20 ms."""
     pid = PID(1.0, 0.02, 0.0, TS, upper=2.0, anti_windup=anti_windup)
     errors = np.concatenate([np.ones(500), -np.ones(1500)])
     outputs = run_pid(pid, errors, 0 * errors)
@@ -192,13 +192,13 @@ def test_the_way_back_from_a_limit(anti_windup, samples):
 
 
 def test_tracking_time_is_that_of_an_exponential():
-    """With the output held at its limit the wound-up excess decays to 1/e in Tt (PI without error)."""
+    """The excess of the integral beyond the output's limit decays to 1/e in Tt (PI without error)."""
     pid = PID(1.0, 1e6, 0.0, TS, upper=1.0, anti_windup="back_calculation", tracking_time=0.1)
     running = RunningPID(pid)
     running.reset(integral=11.0)
     for _ in range(50):
         running.step(0.0, 0.0)
-    # Of an error of -5 the output is the integral less 5, within its limit again.
+    # At an error of -5 the output is the integral less 5, which is within the limits again.
     assert running.step(-5.0, 0.0) + 5.0 - 1.0 == pytest.approx(10.0 / np.e, rel=0.02)
 
 

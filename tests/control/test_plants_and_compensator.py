@@ -50,7 +50,7 @@ def test_matched_to_a_measured_law():
 
 
 def test_linked_axes_are_those_of_the_matrices():
-    """Eigenmotions of a coupled stiffness: its eigenvalues k give poles +- sqrt(-k/m); force enters velocities."""
+    """Eigenvalues k of the coupled stiffness give poles +- sqrt(-k/m); force enters the velocities."""
     K = np.array([[5.0, 1.0, 0.2], [1.0, 3.0, -0.4], [0.2, -0.4, -8.0]])
     force = np.arange(6.0).reshape(3, 2)
     model = levitated_plant(0.02, K, force)
@@ -90,7 +90,7 @@ def test_what_is_not_reached_is_infinite():
     assert metrics.rise_time == np.inf
     assert metrics.settling_time == np.inf
     assert metrics.overshoot == 0.0
-    # Two moments are enough: what lies between is on a straight line.
+    # Between two samples the response is a straight line, so two samples are enough.
     assert step_metrics([0.0, 2.0], [0.0, 1.25]).rise_time == pytest.approx(0.8 / 1.25 * 2.0)
 
 

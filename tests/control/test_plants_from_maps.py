@@ -18,7 +18,7 @@ GRAVITY = 9.80665
 
 
 def map_of(places, moment=60.0):
-    """Of vertical dipoles at places (coils, 3), per ampere, with nodes every 2 mm."""
+    """Map of vertical dipoles at places (coils, 3), per ampere, with nodes every 2 mm."""
     grid = Grid([-8e-3, -8e-3, -DEPTH - 8e-3], np.full(3, 2e-3), (9, 9, 9))
     flux = np.array([dipole_field(moment, place, grid.points()) for place in places])
     slope = np.array([dipole_gradient(moment, place, grid.points()) for place in places])
@@ -36,7 +36,7 @@ def one():
 
 @pytest.fixture(scope="module")
 def six():
-    """Six of them on a circle, at the angles of the thesis's names 1 to 6."""
+    """Six dipole coils on a circle, at the angles of the thesis's names 1 to 6."""
     angle = np.radians([240, 180, 120, 300, 0, 60])
     return map_of(0.044 * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(6)]), moment=10.0)
 
@@ -47,8 +47,8 @@ def at_lift(field, **settings):
 
 
 def test_one_dipole_coil(one):
-    """F = 6 k m M i / z^4: K_zz = -dF/dz gives -4g/|z| whatever the moments; K_xx = K_yy = -K_zz/2 (Laplace). The
-    map's second gradient is known to 1e-4."""
+    """F = 6 k m M i / z^4 gives K_zz = -dF/dz = -4g/|z| at any moments, and K_xx = K_yy = -K_zz/2 (Laplace). The
+    second gradient of the map is accurate to 1e-4."""
     lift, plant = at_lift(one)
     np.testing.assert_allclose(plant.pole_products, np.array([2, 2, -4]) * GRAVITY / DEPTH, rtol=1e-4)
     np.testing.assert_allclose(
@@ -75,7 +75,7 @@ def test_an_aligned_moment_is_less_stable_sideways(one):
 
 
 def test_linear_about_the_true_forces(six):
-    """Taylor test against wrenches of the map: the rest is of second order in the excursion."""
+    """Taylor test against wrenches of the map: the remainder is of second order in the excursion."""
     u, n = lift_current(six, PAYLOAD, POINT).current, 1.25
     plant = plant_from_map(six, PAYLOAD, POINT, np.full(6, u), division_slopes(u, 0.0, 0.0, n))
     model, direction = plant.model(), np.array([1e-3, -2e-3, 1.5e-3])
@@ -92,12 +92,12 @@ def test_linear_about_the_true_forces(six):
 
 
 def _side(field, u):
-    """-1 where the moment that is lifted points up."""
+    """-1 where the lifted moment points up."""
     return -np.sign(field.gradient(POINT, np.full(6, u))[2, 2])
 
 
 def test_gain_at_rest_is_where_the_magnet_goes(six):
-    """Horizontal positions by the linear plant, and by the search for the equilibrium at divided currents."""
+    """Horizontal positions from the linear plant, and from the equilibrium search at the divided currents."""
     u, signal = lift_current(six, PAYLOAD, POINT).current, 1e-3
     slopes = division_slopes(u, 0.0, 0.0, 1.25)
     plant = plant_from_map(six, PAYLOAD, POINT, np.full(6, u), slopes)
@@ -121,7 +121,7 @@ def test_every_coil_is_an_input_unless_signals_are_named(six):
 
 
 def test_saturation_is_seen_in_the_slope(one):
-    """A field that goes with the square root of the current: half the slope of force over current."""
+    """A field proportional to the square root of the current halves the slope of force over current."""
 
     class Saturating:
         coil_names, lower, upper = one.coil_names, one.lower, one.upper

@@ -26,7 +26,7 @@ MEASURED = np.random.default_rng(2).normal(scale=0.1, size=60)
 @pytest.mark.parametrize("equilibrium_at", ["reference", "measured"])
 @pytest.mark.parametrize("estimate", ["predicted", "filtered", "delayed"])
 def test_equations_written_out(estimate, equilibrium_at, limit):
-    """With a limit the estimator is told the output that was given, not the one that was wanted."""
+    """At a limit the estimator receives the limited output."""
     regulator = replace(
         REGULATOR, estimate=estimate, equilibrium_at=equilibrium_at, lower=-limit, upper=limit
     )
@@ -58,9 +58,9 @@ def test_one_call_a_sample_is_the_same():
 
 
 def test_poles_of_regulator_and_estimator_separate():
-    """The free motion on the model itself obeys the characteristic polynomial of A - B k and A_est together."""
+    """The free motion on the model itself has the poles of A - B k and of A_est."""
     A_d, B_d = control.zero_order_hold(WIDE.A, WIDE.B, TS)
-    # The integrator of (7-16) adds Ts times the output, not its integral over the sample.
+    # The integrator of (7-16) adds Ts times the output instead of the output's integral over the sample.
     A_d[2, :2], B_d[2] = TS * MODEL.C[0], 0.0
     poles = np.concatenate([np.linalg.eigvals(A_d - B_d @ GAIN), np.linalg.eigvals(ESTIMATOR.A_est)])
     assert np.abs(poles).max() < 1

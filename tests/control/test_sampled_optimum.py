@@ -1,4 +1,4 @@
-"""lqrd and kalmd against quadrature, python-control, their continuous limits, and the meaning of optimal."""
+"""lqrd and kalmd against quadrature, python-control, their continuous limits, and optimality."""
 
 import control as reference
 import numpy as np
@@ -21,7 +21,7 @@ def integral(function, upper):
 
 
 def both(t):
-    """exp of [[A, B], [0, 0]] t: what a state and a held input become."""
+    """exp([[A, B], [0, 0]] t), which maps the state and the held input over t."""
     return scipy.linalg.expm(np.block([[A, B], [np.zeros((1, 4))]]) * t)
 
 
@@ -35,7 +35,7 @@ def test_lqrd_minimises_the_integrated_cost():
 
 
 def test_lqrd_tends_to_the_continuous_regulator():
-    """First order in Ts."""
+    """The error is of first order in Ts."""
     k, _, _ = reference.lqr(A, B, Q, R)
     errors = [np.abs(control.lqrd(A, B, Q, R, Ts) - k).max() for Ts in (4e-3, 2e-3, 1e-3)]
     assert 0.9 < np.log2(errors[0] / errors[1]) < 1.1
@@ -84,7 +84,7 @@ def test_kalmd_tends_to_the_continuous_filter():
 
 
 def test_innovations_are_white():
-    """20 000 samples of the noise that the filter was designed for: neither trace nor colour left over."""
+    """Innovations over 20 000 samples of the design noise are not correlated in time."""
     rng = np.random.default_rng(11)
     stable = A - B @ np.array([[60.0, 5.0, 0.0]])
     A_d, _ = control.zero_order_hold(stable, B, TS)
@@ -107,7 +107,7 @@ def test_innovations_are_white():
 
 
 def test_direct_gain_is_taken_off():
-    """y = C x + D u is the same filter fed with y - D u."""
+    """y = C x + D u: the same filter, with y - D u as its input."""
     plain, direct = control.kalmd(A, B, C, 1.0, 0.1, TS), control.kalmd(A, B, C, 1.0, 0.1, TS, D=0.7)
     np.testing.assert_allclose(direct.A_est, plain.A_est)
     np.testing.assert_allclose(direct.B_est[:, 0], plain.B_est[:, 0] - 0.7 * plain.B_est[:, 1])

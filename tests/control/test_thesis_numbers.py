@@ -86,5 +86,5 @@ def test_estimator_7_17():
 
 @pytest.mark.parametrize("plant", [VERTICAL, ([-0.03, 0.029805], [1, -1.915, 0.91405])])
 def test_equilibrium_gain_7_20_is_misprinted(plant):
-    """4.8178 is printed; 0.00095 / 0.000195 = 4.8718, with two digits exchanged."""
+    """The thesis prints 4.8178; 0.00095 / 0.000195 = 4.8718, so two digits are exchanged."""
     assert 1 / control.steady_gain(plant, TS) == pytest.approx(4.8718, abs=5e-5)

@@ -1,4 +1,4 @@
-"""Models as systems of python-control: its poles and responses are ours."""
+"""Models as systems of python-control have our poles and responses."""
 
 import sys
 
@@ -35,7 +35,7 @@ def test_poles_and_zeros_of_a_transfer_function(reference):
 
 
 def test_poles_of_a_lumped_magnet(reference):
-    """s^2 + c s/m = g/(x0 + a), both gravity and the widening of its force: a closed form."""
+    """s^2 + c s/m = g/(x0 + a), with gravity and the decrease of the force with distance: a closed form."""
     magnet = LumpedMagnet(inductance=0.01, length=0.05, mass=0.01, damping=0.02)
     system = magnet.plant(0.02).to_control(states=("z", "velocity"), inputs=["current"], outputs=["height"])
     assert isinstance(system, reference.StateSpace)
@@ -51,7 +51,7 @@ def test_poles_of_a_lumped_magnet(reference):
 
 
 def test_its_step_response_is_our_simulation(reference):
-    """The plant alone, its input held at 1, continuous there and sampled here."""
+    """The open-loop plant with its input held at 1: continuous in python-control, sampled here."""
     A, B = control.zero_order_hold(MODEL.A, MODEL.B, TS)
     ours = simulate_loop((A, B, MODEL.C, MODEL.D), constant_block(1.0), np.zeros(200), Ts=TS)
     for system in (MODEL.to_control(), control.StateSpace(A, B, MODEL.C, MODEL.D).to_control(TS)):

@@ -1,4 +1,4 @@
-"""Tuned PID controllers: their margins by python-control, their poles, and what no controller can have."""
+"""Tuned PID controllers: margins and poles by python-control, and margins that no PID controller can reach."""
 
 from dataclasses import replace
 from functools import cache
@@ -16,7 +16,7 @@ BALL = LumpedMagnet(inductance=0.010, length=0.006, mass=0.066).plant(0.008)
 
 
 def late(pole, delay, Ts):
-    """k / (s - pole) of gain 1 at high frequencies times |pole|, sampled, and a delay of whole samples; in q."""
+    """|pole| / (s - pole), sampled, with a delay of whole samples; in q."""
     kept = np.exp(pole * Ts)
     numerator = [(kept - 1.0) * np.sign(pole)]
     return numerator, np.concatenate([[1.0, -kept], np.zeros(round(delay / Ts))])
@@ -50,13 +50,13 @@ PLANTS = {
 
 @cache
 def tuned_for(name):
-    """The controller of a plant, and with it plant, sampling time and what is asked for."""
+    """The tuned controller of a plant, the plant, its sampling time, and the margins asked for."""
     plant, Ts, asked = PLANTS[name]
     return tune_pid(plant, Ts, **asked), plant, Ts, asked
 
 
 def by_python_control(plant, Ts, pid, count=20_000):
-    """The loop opened at the output of the controller, of the textbook's parts; frequencies, rad/s, and its answers."""
+    """The loop of the textbook's parts, opened at the controller's output; frequencies, rad/s, and its response."""
     q = control.tf([1.0, 0.0], [1.0], Ts)
     system = control.ss(*plant, Ts) if len(plant) == 4 else control.tf(*plant, Ts)
     integral = Ts / pid.Ti * ((q + 1) / (2 * (q - 1)) if pid.integration == "trapezoidal" else q / (q - 1))
@@ -69,11 +69,11 @@ def by_python_control(plant, Ts, pid, count=20_000):
 @pytest.mark.parametrize("name", PLANTS)
 def test_the_margins_are_those_of_python_control_and_as_asked(name):
     tuned, plant, Ts, asked = tuned_for(name)
-    # python-control lays splines through these.
+    # python-control interpolates with splines.
     _, rates, loop = by_python_control(plant, Ts, tuned.pid, 4000)
     gains, phases, _, *at = control.stability_margins(control.frd(loop, rates), returnall=True)
     found, margins = tuned.margins, {"gain_margin": 2.0, "phase_margin": 45.0, "modulus": 0.4} | asked
-    # What crosses at half the sampling rate itself, python-control leaves out.
+    # python-control leaves out a crossing at half the sampling rate itself.
     ends = [-1.0 / loop[-1].real] if loop[-1].real < 0.0 else []
     gains = np.concatenate([gains, ends])
     assert found.gain_up == pytest.approx(min(gains[gains > 1.0], default=np.inf), rel=1e-3)
@@ -93,7 +93,7 @@ def test_the_margins_are_those_of_python_control_and_as_asked(name):
 
 @pytest.mark.parametrize("name", PLANTS)
 def test_a_constant_disturbance_is_taken_off_as_fast_as_the_integral_says(name):
-    """It is stable, in a simulation by the core, and the integral of the error is -Ti / Kc for a unit disturbance."""
+    """The simulated loop is stable, and the integral of the error is -Ti / Kc for a unit disturbance."""
     tuned, plant, Ts, _ = tuned_for(name)
     pid = tuned.pid
     run = simulate_loop(plant, pid, np.zeros(round(9.0 / Ts)), disturbance=1.0)
@@ -104,7 +104,7 @@ def test_a_constant_disturbance_is_taken_off_as_fast_as_the_integral_says(name):
 
 @pytest.mark.parametrize("name", ["the thesis's vertical plant", "a lag and a dead time"])
 def test_no_controller_near_it_takes_off_more(name):
-    """Of 300 with up to thirty per cent more |Kc| / Ti none is stable and keeps the margins, which are counted here."""
+    """300 controllers with up to 30 % more |Kc| / Ti: none is stable and keeps the margins, which are computed here."""
     tuned, plant, Ts, _ = tuned_for(name)
     pid, generator = tuned.pid, np.random.default_rng(3)
     near, kept = 0, 0
@@ -136,7 +136,7 @@ def test_a_plant_of_the_other_sign_has_the_same_gains():
 
 def test_what_an_unstable_plant_with_a_dead_time_cannot_have():
     """No PID controller holds 1 / (s - p) with a dead time of 2 / p or more (Silva, Datta and Bhattacharyya, PID
-    Controllers for Time-Delay Systems, 2005, theorem 4.1). Nearer by, margins are bounded; these can be had."""
+    Controllers for Time-Delay Systems, 2005, theorem 4.1). Shorter dead times bound the margins; those are reached."""
     with pytest.raises(Infeasible) as caught:
         tune_pid(late(10.0, 0.21, 0.01), 0.01, N=np.inf)
     assert caught.value.reachable is None
@@ -150,7 +150,7 @@ def test_what_an_unstable_plant_with_a_dead_time_cannot_have():
     assert f"{10.0:.3g} 1/s" in caught.value.problems[0].received
     had = {"gain_margin": 2.0 ** (0.98 * best.share), "phase_margin": 60.0 * 0.98 * best.share}
     assert tune_pid(plant, 4e-3, **had, modulus=0.4 * 0.98 * best.share).share >= 1.0
-    # The more that is asked for, the slower the disturbance is taken off.
+    # Larger margins make the disturbance rejection slower.
     rates = [
         tuned.pid.Kc / tuned.pid.Ti
         for phase in (10.0, 15.0, 20.0)
@@ -160,7 +160,7 @@ def test_what_an_unstable_plant_with_a_dead_time_cannot_have():
 
 
 def test_a_gain_that_ends_at_half_the_sampling_rate():
-    """Gain k before 0.5 / (q - 0.5): the pole 0.5 (1 - k) is -1 for k = 3; before its negative it is 1 for k = 1."""
+    """Gain k before 0.5 / (q - 0.5): the pole 0.5 (1 - k) is -1 at k = 3; with the sign reversed it is 1 at k = 1."""
     frequencies = np.geomspace(1e-4, 0.5, 2000)
     curve = 0.5 / (np.exp(2j * np.pi * frequencies) - 0.5)
     up, down, phase, at, modulus = margins_of_curves(frequencies, 1.5 * curve[None])[:, 0]

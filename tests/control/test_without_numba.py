@@ -1,4 +1,4 @@
-"""Controllers, identification and instruments need numba only for functions that it compiled."""
+"""Controllers, identification and instruments need numba only for compiled user functions."""
 
 import subprocess
 import sys

@@ -48,7 +48,7 @@ def errors(case, mu_r, **mesh):
 
 @pytest.mark.parametrize(("case", "mu_r", "edge"), [("disk", 1000, 0.0005), ("diskcore", 4000, 0.001)])
 def test_disk_and_core(case, mu_r, edge):
-    """Flux density within 0.1 %, gradient within 0.2 %; disk and core of 1000: `test_convergence_with_the_mesh`."""
+    """Flux density within 0.1 %, gradient within 0.2 %. Disk and core at 1000: `test_convergence_with_the_mesh`."""
     error, _ = errors(case, mu_r, core_size=0.0035, edge=edge)
     assert (error[:2] < 1e-3).all()
     assert (error[2:] < 2e-3).all()
@@ -72,10 +72,10 @@ def test_convergence_with_the_mesh():
 
 
 def test_both_forms_agree_on_the_inductance():
-    """Flux linkages come from the fields inside, thin elements at the edges included."""
+    """Flux linkages come from the internal fields, including thin elements at edges."""
     disk = device("disk", edge=0.001)
     one, other = (
         solve_linear(disk, form=form, refinement=0.6).inductance() for form in ("potential", "flux")
     )
-    # They bracket the truth; on this coarse mesh they differ by 5e-4.
+    # They bracket the exact value; on this coarse mesh they differ by 5e-4.
     assert one == pytest.approx(other, rel=1e-3)

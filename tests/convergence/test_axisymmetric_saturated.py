@@ -37,7 +37,7 @@ def device(core_size=0.0025, edge=0.0005):
     core = Body("core", "iron", (Part(Cylinder(0.01, 0.04), above),), core_size, edge)
     at = Placement(np.array([0.0, 0.0, 0.026]), np.eye(3))
     coil = CircularCoil("coil", 0.011, 0.021, 0.039, 840.0, placement=at)
-    # The law dips below the slope of free space, which files do not allow.
+    # The law falls below the slope of free space, which device files do not allow.
     return Device.unchecked(name="diskcore", coils=(coil,), bodies=(disk, core), materials={"iron": law()})
 
 

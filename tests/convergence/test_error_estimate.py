@@ -1,4 +1,4 @@
-"""The estimated error is honest: the true one is at most three times as large, on every case with a known truth."""
+"""The estimated error is honest: the true error is at most three times as large in every case with a known solution."""
 
 import importlib.util
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ from fieldmap.iron.solvers.to_tolerance import Level
 
 
 def neighbour(name):
-    """A test file beside this one, as a module."""
+    """A test file of this folder, as a module."""
     spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -65,7 +65,7 @@ def test_estimate_is_honest(case, mu_r):
     ("case", "mu_r", "refinement"), [("disk", 1000, 0.8), ("diskcore", 4000, 0.8), ("spool", 4000, 0.6)]
 )
 def test_shares_of_the_faces_are_honest(case, mu_r, refinement):
-    """An estimate from one mesh: what constant charges leave out, weighted by what dipoles in the workspace see."""
+    """Estimates from one mesh: the error of constant charges, weighted by their effect on dipoles in the workspace."""
     device = replace(axisymmetric.device(case, core_size=0.004, edge=0.0015), workspace=SPACE)
     iron, properties = assemble(generate_mesh(device, refinement)), body_properties(device, float(mu_r))
     level = Level.solved(
@@ -77,7 +77,7 @@ def test_shares_of_the_faces_are_honest(case, mu_r, refinement):
 
 @dataclass(frozen=True)
 class InUniformField:
-    """A body in a field of 1 T along z, as the estimate asks for it."""
+    """A body in a field of 1 T along z, with the interface that the estimate needs."""
 
     state: IronState
     sources: tuple[str, ...] = ("the applied field",)
@@ -104,14 +104,14 @@ class InUniformField:
 
 
 def dipole_field(points):
-    """Of a sphere of radius 50 mm and mu_r 1000 in 1 T, applied field included (Jackson 5.11)."""
+    """B of a sphere of radius 50 mm and mu_r 1000 in 1 T, applied field included (Jackson 5.11)."""
     r = np.linalg.norm(points, axis=1)[:, None]
     up = np.array([0.0, 0.0, 1.0])
     return up + 999 / 1002 * (0.05 / r) ** 3 * (3 * points * points[:, 2:] / r**2 - up)
 
 
 def field_in_shell(points):
-    """In the hollow of a shell of mu_r 1000, radii 40 and 50 mm (Jackson 5.121)."""
+    """B inside a hollow shell of mu_r 1000, radii 40 and 50 mm (Jackson 5.121)."""
     mu, ratio = 1000.0, 0.8
     inside = 9 * mu / ((2 * mu + 1) * (mu + 2) - 2 * ratio**3 * (mu - 1) ** 2)
     return np.outer(np.ones(len(points)), [0.0, 0.0, inside])
@@ -137,7 +137,7 @@ def test_estimate_is_honest_for_sphere_and_shell(parts, lower, upper, exact):
 
 
 def test_the_truth_may_lie_outside_of_both_forms():
-    """Both have the same flat faces and charges: they agree to 1e-7 on a ball, and are both off by more than 1e-4."""
+    """Both forms have the same flat faces and charges: on a ball they agree to 1e-7, and are both off by over 1e-4."""
     points = np.array([[0.0, 0.0, -0.09], [0.0, 0.0, -0.07]])
     ball = (Part(Sphere(0.05)),)
     one, other, coarse = (
@@ -181,7 +181,7 @@ def test_estimate_of_a_saturated_state_is_honest():
     assert estimate.flux_density < 0.01
     assert estimate.gap[0] < 1e-3
     middle = estimate.both_forms
-    # This very field, summed in another order.
+    # The same field, summed in another order.
     assert middle.solution == pytest.approx(state.field(np.array(middle.at))[2], rel=1e-12)
 
 
@@ -218,7 +218,7 @@ def test_too_fine_for_the_memory_is_said_before_it_happens(monkeypatch):
     report = caught.value.report
     assert report.ended == "memory"
     assert report.asked.flux_density == 1e-5
-    # The mesh that was made and not solved would have taken more than there is.
+    # The mesh that was made but not solved would have needed more memory than available.
     assert report.next_mesh.faces > report.steps[-1].faces
     assert report.next_mesh.matrix_bytes > 2e5
 

@@ -1,4 +1,4 @@
-"""Disk with six cores: no closed form, so mesh levels and the symmetry of the device judge."""
+"""Disk with six cores, without closed form: checked by mesh refinement and the symmetry of the device."""
 
 import numpy as np
 import pytest
@@ -32,8 +32,8 @@ def test_last_two_meshes_agree():
 
 
 def test_sixfold_symmetry(coarse):
-    """The field of coil k, turned back by its angle, is that of coil 5. The mesh, however coarse, has the symmetry
-    exactly, the windings only nearly: their squares are not turned with the cores."""
+    """The field of coil k, turned back by its angle, is the field of coil 5. Any mesh has exactly this symmetry, the
+    windings only nearly: their squares are not turned with the cores."""
     points, solution = workspace_points(), coarse
     first = solution.unit_fields(points)[0][solution.coil_names.index("5")]
     for name, degrees in ANGLE.items():

@@ -1,4 +1,4 @@
-"""Runs to a tolerance end within it by the truth, or say where the error is and what more would cost."""
+"""Runs to a tolerance end within it, against known solutions, or say where the error is and the cost of reducing it."""
 
 import pickle
 from dataclasses import dataclass, field
@@ -32,7 +32,7 @@ IRON = {"iron": fm.LinearMaterial("iron", 1000.0)}
 
 
 def cube_at_an_edge():
-    """The workspace lies 0.1 mm from an edge of the one cube, and far from the other."""
+    """The workspace is 0.1 mm from an edge of one cube, and far from the other cube."""
     bodies = [
         fm.Body(name, "iron", (fm.Part(fm.Box((0.02,) * 3), fm.placed((x, 0, -0.02))),), 5e-3)
         for name, x in (("near", 0.0), ("far", 0.08))
@@ -64,11 +64,11 @@ def shielded():
 
 
 def test_a_shielded_uniform_field_ends_within_the_tolerance(shielded):
-    """The gradient vanishes: relative to its own largest value no mesh would do."""
+    """The exact gradient is zero, so no mesh would do for an error relative to its own largest value."""
     b, g = shielded.source_fields(workspace_surface(shell()))
     error = shielded.report.error
     assert np.abs(b[0] - INSIDE * UP).max() < 0.01 * INSIDE
-    # L is the distance of the wall: half the diagonal is 10.4 mm.
+    # L is the distance of the wall, because half the diagonal is only 10.4 mm.
     assert error.length == pytest.approx(0.016, rel=0.02)
     size = error.worst("gradient").size
     assert size == pytest.approx(INSIDE / 0.016, rel=0.02)
@@ -76,12 +76,12 @@ def test_a_shielded_uniform_field_ends_within_the_tolerance(shielded):
     assert error.gradient <= 0.03
     assert shielded.report.tolerance.reached
     assert len(shielded.report.tolerance.steps) <= 4
-    # One of the mirrors of ball and box: meshes where mirrors meet on a sphere are poor.
+    # Only one of the mirrors of ball and box is used: meshes with several mirrors on a sphere are poor.
     assert shielded.mesh.symmetry.group.order == 2
 
 
 def test_an_absolute_tolerance_is_enough_where_hardly_any_field_is_left():
-    """A tenth of the field inside, in T: the first comparison of two meshes is within it."""
+    """A tenth of the inside field, in T: the first comparison of two meshes is within it."""
     asked = Tolerance(absolute_flux_density=0.1 * INSIDE)
     solution = fm.solve_to_tolerance(shell(), asked)
     error = solution.report.error.worst("B")
@@ -96,13 +96,13 @@ def test_estimates_at_an_edge_fall_and_say_where():
         fm.solve_to_tolerance(cube_at_an_edge(), 0.001, most_meshes=4)
     report = caught.value.report
     assert report.ended == "meshes"
-    # So near to an edge the estimates of the first meshes scatter by a fifth.
+    # So near to an edge the estimates of the first meshes vary by a fifth.
     excess = [step.excess for step in report.steps[1:]]
     assert all(later < 1.2 * earlier for earlier, later in pairwise(excess))
     assert excess[-1] < 0.5 * excess[0]
-    # 102 faces of every cube at first: each mesh is to have twice as many as the one before.
+    # 102 faces per cube at first; each mesh aims at twice the faces of the previous one.
     assert all(later.faces > 1.4 * earlier.faces for earlier, later in pairwise(report.steps))
-    # The points of the workspace next to the edge, and the elements of the near cube below them.
+    # The error is at the workspace's points next to the edge, caused by elements of the near cube below them.
     assert report.worst.at[0] == pytest.approx(1.01e-2)
     assert report.shares[0].body == "near"
     assert report.shares[0].share > 0.9
@@ -116,7 +116,7 @@ def test_estimates_at_an_edge_fall_and_say_where():
 
 
 def test_a_run_that_no_longer_improves_ends(monkeypatch):
-    """Every mesh the same: the estimate is that of meshes that hardly differ, and does not fall."""
+    """Every mesh is the same, so the estimate of the error does not fall."""
     monkeypatch.setattr(to_tolerance, "next_sizes", lambda *given: next_sizes(*given[:-2], 1.0, 1.0))
     monkeypatch.setattr(to_tolerance, "estimate_error", lambda *_, **__: estimate)
     points = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -131,7 +131,7 @@ def test_a_run_that_no_longer_improves_ends(monkeypatch):
 
 @dataclass(frozen=True)
 class Made:
-    """Fields in closed form; the gradient is 0."""
+    """Fields given as functions; the gradient is 0."""
 
     flux_density: object
     gradient: object = lambda x: np.zeros((len(x), 3, 3))
@@ -159,7 +159,7 @@ def test_the_estimate_says_of_what_and_where():
     assert error.flux_density == pytest.approx(b.relative) == pytest.approx(b.error / b.size)
     assert (g.at[0], g.at[2]) == (-1.0, 2.0)
     assert g.error == pytest.approx(0.03 * np.sqrt(3))
-    # |B| = 1 T over the distance of the iron, 5 m; half the diagonal is 3 m.
+    # |B| = 1 T over the distance of the iron, 5 m, because half the diagonal is only 3 m.
     assert g.size == pytest.approx(0.2)
     assert error.gradient == pytest.approx(0.15 * np.sqrt(3))
     assert error.by_source == (b, g)
@@ -167,7 +167,7 @@ def test_the_estimate_says_of_what_and_where():
 
 @dataclass(frozen=True)
 class Several:
-    """Fields (c, n, 3) of several sources that are the same everywhere; the gradient is 0."""
+    """Uniform fields (c, n, 3) of several sources; the gradient is 0."""
 
     flux_density: tuple
     iron_points: np.ndarray = field(default_factory=lambda: np.array([[0.0, 0.0, 5.0]]))
@@ -182,8 +182,8 @@ class Several:
 
 
 def test_two_forms_and_two_meshes_of_several_sources():
-    """The mean of two forms is off by half of what lies between them: 1 % and 10 % of the two sources. A change between
-    meshes of 2 % counts for the first, one of 1 % not for the second; a source without field has no error."""
+    """The mean of two forms is off by half of their difference: 1 % and 10 % for two sources. A change between meshes
+    of 2 % counts for the first, a change of 1 % not for the second; a source without field has no error."""
     points = np.array([[-1.0, -2.0, -2.0], [1.0, 2.0, 2.0]])
     ours = Several(((0, 0, 2.0), (0.5, -1.2, 0), (0, 0, 0)))
     other = Several(((0, 0, 2.04), (0.5, -0.94, 0), (0, 0, 0)))
@@ -197,7 +197,7 @@ def test_two_forms_and_two_meshes_of_several_sources():
     assert error.gap == (pytest.approx(0.2), 0.0)
     assert error.change == (pytest.approx(0.02), 0.0)
     assert error.worst("B").source == "source 1"
-    # Of the source whose forms lie apart most, its largest component in the middle.
+    # At the source whose forms differ most: its largest component in the middle.
     forms = error.both_forms
     assert (forms.what, forms.source, forms.at) == ("By", "source 1", (0.0, 0.0, 0.0))
     assert (forms.solution, forms.complement) == (-1.2, -0.94)
@@ -212,8 +212,8 @@ def test_two_forms_and_two_meshes_of_several_sources():
 
 
 def test_growth_and_shares_scale_what_two_meshes_differ_by():
-    """A change of 3 %: over a quarter more faces it is a quarter of the error, over three times as many all of it; of
-    what the faces share, 0.4 %, twice as much is believed."""
+    """A change of 3 % with a quarter more faces is a quarter of the error, with three times the faces all of it; the
+    error is limited to twice the faces' share, 0.4 %."""
     points = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     ours = Made(lambda x: np.broadcast_to(UP, x.shape))
     coarser = Made(lambda x: np.broadcast_to(1.03 * UP, x.shape), lambda x: np.full((len(x), 3, 3), 0.01))
@@ -244,7 +244,7 @@ def test_the_larger_part_of_a_tolerance_is_allowed():
     assert Tolerance(0.01).allowed(g, 0, 0) == np.inf
     assert Tolerance(0.01, absolute_flux_density=7e-3).allowed(b, 0, 0) == 7e-3
     assert Tolerance(0.01, absolute_gradient=0.5).allowed(g, 0, 0) == 0.5
-    # Of 4 A in the first of two coils, and of the magnets behind them.
+    # A flux density at 4 A in the first of two coils; further sources are magnets.
     asked = Tolerance(absolute_flux_density=8e-3, currents=(4.0, -2.0))
     assert [asked.allowed(b, k, 2) for k in range(3)] == [2e-3, 4e-3, 8e-3]
     assert Tolerance.of(0.01) == Tolerance(0.01, 0.03)
@@ -285,7 +285,7 @@ def test_arguments_are_checked_before_anything_is_solved():
 
 
 def test_cost_follows_the_powers_that_the_meshes_show():
-    """Time like N^1.7, excess like N^-1.25."""
+    """Time grows like N^1.7, the excess falls like N^-1.25."""
     steps = [
         MeshStep(n, 2 * n, 1, 1e-5 * n**1.7, 0.0, 0.0, 3.0 * (4000 / n) ** 1.25 if n > 1000 else None)
         for n in (1000, 2000, 4000)
@@ -293,14 +293,14 @@ def test_cost_follows_the_powers_that_the_meshes_show():
     assert expected_cost(steps, 9000, 1, 1.0).seconds == pytest.approx(1e-5 * 9000**1.7)
     assert faces_within(steps) == pytest.approx(4000 * 3.0**0.8)
     assert faces_within(steps[:2]) is None
-    # An excess that does not fall foretells nothing.
+    # An excess that does not fall gives no forecast.
     flat = [MeshStep(n, n, 1, 1.0, 0.0, 0.0, 2.0) for n in (1000, 2000, 4000)]
     assert faces_within(flat) is None
 
 
 @dataclass(frozen=True)
 class Counts:
-    """What a run reads and writes of a report."""
+    """The parts of a report that a run uses."""
 
     surface_faces: int
     tetrahedra: int = 1
@@ -317,8 +317,8 @@ class Solved:
 
 
 def run_of(monkeypatch, excess, most_meshes=10, fits=99, own_excess=1.0):
-    """A run whose meshes, of twice as many faces each, have estimates of these multiples of what is allowed, from the
-    second on: its solution or its error, and what it asked of the next meshes and told on the way."""
+    """A run whose meshes double their faces and have, from the second on, estimates of these multiples of the
+    tolerance: its solution or its error, and the requests for meshes and messages on the way."""
     told = {"reductions": [], "growth": [], "fractions": [], "meshes": 0}
 
     def mesh(*_, local):
@@ -357,7 +357,7 @@ def run_of(monkeypatch, excess, most_meshes=10, fits=99, own_excess=1.0):
 
 
 def test_a_run_ends_within_the_tolerance(monkeypatch):
-    """Each mesh is to divide the error by 1.6 times what it exceeds, by 2 or more after the first, 1.5 after others."""
+    """Each mesh must divide the error by 1.6 times its excess; by at least 2 after the first mesh, by 1.5 later."""
     solution, told = run_of(monkeypatch, [4.0, 1.2, 0.9, 0.1])
     assert solution.number == 4
     assert solution.report.refinement == ((400, 0.04), (800, 0.012), (1600, pytest.approx(0.009)))
@@ -378,7 +378,7 @@ def test_a_run_ends_within_the_tolerance(monkeypatch):
     assert (told["fractions"][0], told["fractions"][-1]) == (0.0, 1.0)
     assert [told["fractions"][2 * k] for k in range(4)] == pytest.approx([0.0, 0.1, 0.2, 0.3])
     assert run_of(monkeypatch, [1.0], own_excess=10.0)[1]["reductions"] == [16.0]
-    # Exactly what is allowed is within it.
+    # An error equal to the tolerance is within it.
     assert run_of(monkeypatch, [0.93, 0.5])[0].number == 2
     assert run_of(monkeypatch, [1.05, 0.5])[1]["reductions"][1] == pytest.approx(1.68)
     assert run_of(monkeypatch, [1.005, 0.5])[1]["reductions"][1] == pytest.approx(1.608)
@@ -387,7 +387,7 @@ def test_a_run_ends_within_the_tolerance(monkeypatch):
 @pytest.mark.parametrize(
     ("excess", "most", "fits", "ended", "meshes", "best"),
     [
-        # Three times in a row no better than the best by a tenth, a little better or worse.
+        # Three times in a row within a tenth of the best, better or worse.
         ([3.0, 2.9, 2.8, 2.75, 1.0], 10, 99, "stalled", 5, 5),
         ([3.0, 4.0, 5.0, 6.0, 1.0], 10, 99, "stalled", 5, 2),
         ([3.0, 2.9, 2.8, 2.4, 2.3, 2.29, 2.28, 1.0], 10, 99, "stalled", 8, 8),
@@ -407,7 +407,7 @@ def test_a_run_that_does_not_get_there_says_how_it_ended(
     assert error.solution.number == best
     assert error.report.worst.error == pytest.approx(0.01 * excess[best - 2])
     assert error.solution.report.error.flux_density == pytest.approx(0.01 * excess[best - 2])
-    # The last mesh grows by what the sizes give; one within the tolerance by the power that the excess showed.
+    # The next mesh grows as the sizes give; a mesh within the tolerance by the power of the excess.
     faces = 100 * 2**meshes
     assert error.report.next_mesh.faces == 3 * faces
     assert error.report.next_mesh.tetrahedra == 5
@@ -427,7 +427,7 @@ def test_a_run_without_memory_for_a_mesh_has_no_estimate(monkeypatch):
 
 
 def test_in_thin_walls_smaller_elements_have_an_effect():
-    """Four layers of edges that were longer than asked for: the mesh stayed what it was."""
+    """With four layers of edges longer than requested the mesh would stay the same."""
     device = shell()
     mesh = generate_mesh(device, 0.7)
     cells = mesh.cells
@@ -440,7 +440,7 @@ def test_in_thin_walls_smaller_elements_have_an_effect():
 
 @pytest.mark.parametrize("height", [0.1, 0.5, 1.0])
 def test_a_charge_that_varies_over_a_face_near_by_is_not_underrated(height):
-    """A slope of the charge, of deviation 1 T over the face, above its middle and its corner."""
+    """A linear charge of standard deviation 1 T on the face, seen from above its middle and its corner."""
     corners = np.array([[0.0, 0, 0], [2.0, 0, 0], [0.6, 1.8, 0]])
     surface = ChargedFaces.from_nodes(corners, np.array([[0, 1, 2]]))
     pieces, worst = [corners], 0.0

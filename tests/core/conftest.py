@@ -1,4 +1,4 @@
-"""All tests of the C core run on every library that this machine can run."""
+"""All tests of the C core run with every library that this machine can run."""
 
 import sys
 

@@ -6,7 +6,7 @@ from fieldmap.core.controller import Block
 
 
 def random_block(states, outputs, nodes=1, seed=4, limit=1.5):
-    """With stable memory, whose first half holds, and nodes at 0.5, 0.8 ... of the measured z; limits that matter."""
+    """Stable memory, first half on hold; nodes at 0.5, 0.8 ... of the measured z; limits that outputs reach."""
     random = np.random.default_rng(seed)
 
     def drawn(*shape):

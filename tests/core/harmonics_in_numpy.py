@@ -7,7 +7,7 @@ from scipy.special import sph_harm_y
 
 
 def place(l, m):
-    """Of a_lm among the coefficients; b_lm lies behind it."""
+    """Index of a_lm among the coefficients; b_lm follows it."""
     return l * l + 2 * m - 1 if m else l * l
 
 
@@ -26,7 +26,7 @@ def regular_table(degree, points):
 
 
 def derivative_matrix(degree, axis):
-    """(degree^2, (degree + 1)^2), of sums of a_lm Re R_l^m + b_lm Im R_l^m.
+    """(degree^2, (degree + 1)^2): derivatives of sums of a_lm Re R_l^m + b_lm Im R_l^m.
 
     d/dz R_l^m = R_(l-1)^m, (d/dx - i d/dy) R_l^m = R_(l-1)^(m-1) and (d/dx + i d/dy) R_l^m = -R_(l-1)^(m+1).
     """
@@ -46,7 +46,7 @@ def derivative_matrix(degree, axis):
             for imaginary in range(2 if m else 1):
                 column = place(l, m) + imaginary
                 part = (0.0, 1.0) if imaginary else (1.0, 0.0)
-                # Of i R: Re is -Im R, and Im is Re R.
+                # The real part of i R is -Im R, the imaginary part is Re R.
                 turned = (-part[1], part[0])
                 if axis == 2:
                     add(l - 1, m, part, column)

@@ -1,4 +1,4 @@
-"""Small blocks of maps in all forms, their coefficients random."""
+"""Small blocks of maps in all forms, with random coefficients."""
 
 import math
 
@@ -14,7 +14,7 @@ CURRENTS = np.array([0.7, -1.3])
 
 
 def block_of(kind, outside="nan", degree=5, sets=2):
-    """A block of random coefficients with so many sets, and the size of a set; NaN lies on both sides of it."""
+    """A block of random coefficients with this many sets, and the size of a set; NaN on both sides of it."""
     box = Grid(GRID.lower, GRID.upper - GRID.lower, (2, 2, 2)) if kind == "global" else GRID
     start = header(
         KINDS[kind], box, sets, outside, 0 if kind == "hermite" else degree, 1.0 if kind == "hermite" else 0.2
@@ -28,6 +28,6 @@ def block_of(kind, outside="nan", degree=5, sets=2):
 
 
 def no_reaction(flux):
-    """The reaction of iron that is not there, at the points of flux (points, k, 3)."""
+    """An empty reaction for a map without iron, at the points of flux (points, k, 3)."""
     nothing = np.zeros((len(flux), 0, 3, 3))
     return 0, nothing[..., 0], nothing

@@ -32,7 +32,7 @@ def bodies(library):
 
 @pytest.fixture
 def random():
-    """Fields and reaction at the five points, with gradients of their own."""
+    """Random fields and a random reaction at the five points, with independent gradients."""
     rng = np.random.default_rng(5)
     fields = rng.normal(size=(5, 3, 3)), rng.normal(size=(5, 3, 3, 3))
     return fields, (REPELLED, 0.1 * rng.normal(size=(5, FIELDS, 3)), rng.normal(size=(5, FIELDS, 3, 3)))
@@ -50,7 +50,7 @@ def test_slopes_are_those_of_the_wrench(random, bodies):
 
 
 def test_moments_and_loads_by_plain_sums(random, bodies):
-    """Moments by as many plain rounds as it takes, their fields by dipole tensors; loads of all points from these."""
+    """Moments by fixed-point rounds with dipole tensors; loads of all points from these moments."""
     (flux, gradient), (_, back, back_slope) = random
     owner = np.array([0, 0, 0, 1, 2])
     arms = np.array([DIPOLES[0, :3], *(p.centre for p in pieces()), pieces()[1].centre, DIPOLES[0, :3]])
@@ -71,7 +71,7 @@ def test_moments_and_loads_by_plain_sums(random, bodies):
             moments[points] = induced(bodies[body], whole[None, points], TURNS[body][None].copy(), soft=0)[0][
                 0
             ]
-    # The dipole's field changes by (15 r r r - 3 r^2 (r 1 + ...)) / r^7: by differences.
+    # The slope of a dipole's field is (15 r r r - 3 r^2 (r 1 + ...)) / r^7; here by differences.
     wrench = np.zeros((3, 6))
     weights = np.einsum("pki,pi->k", back, moments) * signs
     slope = np.einsum("k,pkij->pij", WEIGHTS, gradient) + np.einsum("k,pkij->pij", weights, back_slope)
@@ -89,7 +89,7 @@ def test_moments_and_loads_by_plain_sums(random, bodies):
 
 
 def test_loads_in_a_map_are_derivatives_of_the_energy(bodies):
-    """With fields of the reaction that draw and one that repels."""
+    """With attracting fields of the reaction and a repelling one."""
     (block, size), (back, _) = block_of("global", sets=2), block_of("global", sets=FIELDS)
     weak = back.copy()
     weak[-FIELDS * size :] *= 0.05
@@ -116,6 +116,6 @@ def unit(n, k):
 
 
 def dipole(r, moment):
-    """Its field, T, at r from it."""
+    """Its field, T, at r from the dipole."""
     size = np.linalg.norm(r)
     return 1e-7 * (3 * (moment @ r) * r / size**5 - moment / size**3)

@@ -1,4 +1,4 @@
-"""Callers with an address alone, called by their addresses as a program in C does."""
+"""Callers as words with addresses, called as a program in C calls them."""
 
 import ctypes
 import gc
@@ -57,7 +57,7 @@ def block_with(sets):
 
 
 def superposed(block, weights, point=POINT):
-    """The sum of the fields at weights: of each field by itself, added up in numpy."""
+    """The sum of single fields times weights, in numpy."""
     flux, gradient = np.empty((1, len(weights), 3)), np.empty((1, len(weights), 3, 3))
     CoreMap(block).each_field(point[None], flux, gradient)
     return weights @ flux[0], np.tensordot(weights, gradient[0], 1)
@@ -80,7 +80,7 @@ def test_sums_of_fields(call, kind):
     for found in (
         field_of(call, words, CURRENTS, POINT + 10.0),
         field_of(call, words, CURRENTS, POINT * np.nan),
-        # A map whose currents are not fixed has no field without them.
+        # A map without fixed currents has no field without currents.
         field_of(call, words, None),
     ):
         assert np.isnan(found[0]).all()
@@ -108,7 +108,7 @@ def test_iron_that_saturates(call, checked):
 
 
 def table():
-    """Of three fields, by anything."""
+    """A table of three fields with random numbers."""
     rng, axes = np.random.default_rng(4), [np.linspace(1.0, 2.0, 5), np.linspace(-0.4, 0.4, 5)]
     nodes = (axes[0], axes[1], axes[1])
     knots = tuple(np.concatenate([[a[0]] * 4, a[2:3], [a[-1]] * 4]) for a in nodes)
@@ -147,7 +147,7 @@ def wrench_of(call, words, currents, place, turn=POSE):
 
 
 def wrench_of_weights(block, body, points, weights):
-    """By the core's own sum over points, whose tests are those of bodies."""
+    """By the core's own sum over points, which the tests of bodies check."""
     n = len(weights)
     flux, gradient = np.empty((len(points), n, 3)), np.empty((len(points), n, 3, 3))
     CoreMap(block).each_field(points, flux, gradient)
@@ -163,7 +163,7 @@ def test_wrenches_and_their_slopes_by_currents(call):
     status, *found = wrench_of(call, caller(CoreMap(block), None, body), np.array([1.0, -0.5, 0.2]), POINT)
     assert status == 0
     assert_same(found, wrench_of_weights(block, body, points, np.array([1.0, -0.5, 0.2])))
-    # Of a field that no current drives there is no slope.
+    # A constant field has no slope by currents.
     status, *found = wrench_of(call, caller(CoreMap(block, constant=True), None, body), CURRENTS, POINT)
     wrench, slopes = wrench_of_weights(block, body, points, np.array([*CURRENTS, 1.0]))
     assert_same(found, (wrench, slopes[:, :2]))

@@ -1,4 +1,4 @@
-"""For which systems the core is compiled, and what a wheel for each is called."""
+"""The systems that the core is compiled for, and the names of their wheels."""
 
 import runpy
 import struct

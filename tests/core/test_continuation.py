@@ -1,4 +1,4 @@
-"""Where a state goes on: exact on polynomials, of third order on curves, and no worse than standing still on noise."""
+"""Extrapolated states: exact on polynomials, of third order on curves, no worse than the last state on noise."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def test_parabola_along_a_line_is_met(times):
 
 
 def test_error_on_a_curve_is_of_third_order_and_of_fewer_states_lower():
-    """A state smooth in the parameters, which go around in a circle."""
+    """A state that is smooth in the parameters, which move along a circle."""
 
     def error(step, count):
         angles = 0.4 + step * np.arange(-count, 1)
@@ -37,7 +37,7 @@ def test_error_on_a_curve_is_of_third_order_and_of_fewer_states_lower():
 
 
 def test_leap_begins_from_no_further_than_the_last_step_reaches():
-    """Forward at most two steps; backward and to the side, from the last state."""
+    """Forward by two steps at most; backward and to the side from the last state."""
     places, states = [[0.0, 0.0], [1.0, 0.0]], [[0.0], [10.0]]
     np.testing.assert_allclose(go_on([50.0, 0.0], places, states), [30.0])
     np.testing.assert_allclose(go_on([-50.0, 0.0], places, states), [10.0])
@@ -50,14 +50,14 @@ def test_one_state_and_standing_still_give_the_last():
 
 
 def test_turning_back_takes_no_third_state_of_the_same_place():
-    """From 0 to 1 and back to 0: a polynomial through two states of one place does not exist."""
+    """From 0 to 1 and back to 0: no polynomial passes through two states at one place."""
     found = go_on([-1.0], [[0.0], [1.0], [0.0]], [[5.0], [6.0], [5.0]])
     np.testing.assert_allclose(found, [4.0])
 
 
 def test_noise_is_not_amplified():
-    """A state that is the parameters themselves, at random: a parabola through them would err by 4.5 times their
-    spread (weights 3, -3, 1 and the aim's own), the last state by 1.4."""
+    """The state equals the parameters, which are random. A parabola through them would err by 4.5 times their spread
+    (weights 3, -3, 1 and the aim's own), the last state by 1.4."""
     rng = np.random.default_rng(3)
     errors = []
     for _ in range(300):

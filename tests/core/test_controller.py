@@ -51,7 +51,7 @@ def test_one_sample_has_the_bits_of_many():
 
 @pytest.mark.parametrize(("states", "outputs", "nodes"), SHAPES)
 def test_with_the_quiet_feedforward_it_gives_what_is_wanted(states, outputs, nodes):
-    """At references that are reached; without limits, and with a memory that lives on what was applied."""
+    """At references that are reached, without limits, and with a memory that depends on the applied outputs."""
     block = random_block(states, outputs, nodes, limit=np.inf)
     block = block._replace(hold=np.full(states, -1), E=0.05 * block.E, F=0.05 * block.F)
     random = np.random.default_rng(7)

@@ -25,7 +25,7 @@ def test_signals_of_currents_are_those_of_the_checked_function():
 
 @pytest.fixture
 def table():
-    """Uneven knots, four at each end; anything at nodes as uneven."""
+    """Uneven knots, four at each end; uneven nodes; random numbers at both."""
     rng = np.random.default_rng(2)
     inner = (np.array([1.3, 1.4, 1.9]), np.array([-0.1, 0.0, 0.02]), np.array([0.1]))
     apart = (
@@ -90,7 +90,7 @@ def test_beside_and_beyond_it_the_slopes_go_on_from_the_nearest_division(table):
 
 
 def test_corners_of_the_table_belong_to_it():
-    """Their signals are found from currents, to rounding; a millionth of the range beyond is outside."""
+    """Their signals follow from currents with rounding; a millionth of the range further is outside."""
     axes = [np.linspace(low, high, 5) for low, high in zip(LOWER, UPPER, strict=True)]
     nothing = np.zeros((5, 5, 5, 3)), np.zeros((5, 5, 5, 6, 3))
     made = spline_table(axes, LiftAndDirections(N), *nothing)

@@ -19,7 +19,7 @@ from tests.dynamics.machines import machine_in
 GRID = Grid([-0.01] * 3, [0.005] * 3, (5, 5, 5))
 PLACES = np.array([[0.0, 0.0, 0.03], [0.025, -0.004, 0.011]])
 AXES = np.array([[0.0, 0.0, 1.0], [0.6, 0.0, -0.8]])
-# T/A, of two coils, and T of what no current drives.
+# T/A for two coils, and T for the constant field.
 SHARES = np.array([[0.03, -0.01, 2e-4], [0.005, 0.02, -5e-5]])
 FIELDS = [np.array([0.01, 0.002, -0.004]), np.array([-0.003, 0.02, 0.001]), np.array([1e-4, 2e-4, -3e-4])]
 # Fields linear in the place, free of curl and divergence: any interpolant is exact.
@@ -67,7 +67,7 @@ def core_readings(m, body, scale=1.0):
 
 
 def of_dipoles(points, moments, answers=True):
-    """Jackson (5.56), and the answers."""
+    """Jackson (5.56), and the iron's answers."""
     found = np.zeros(2)
     for x, m in zip(points, moments, strict=True):
         r = PLACES - x
@@ -83,7 +83,7 @@ def of_dipoles(points, moments, answers=True):
 @pytest.mark.parametrize("answers", [True, False])
 @pytest.mark.parametrize("scale", [1.0, 1.7])
 def test_readings_are_the_closed_form_and_those_of_python(kind, answers, scale):
-    """A calibration changes the field of the currents, not that of the magnets."""
+    """A scale from calibration changes the field of the currents, not the field of the magnets."""
     m, turn = field(answers, kind), TURN.as_matrix()
     found = core_readings(m, BODY, scale)
     weights = np.append(CURRENTS, 1.0)

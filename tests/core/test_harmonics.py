@@ -30,7 +30,7 @@ def test_ladder_differentiates(axis):
     def value(points):
         return harmonics.regular_table(7, points) @ c
 
-    # Fourth order: the error is that of rounding.
+    # Differences of fourth order: only the rounding error is left.
     near, far = (
         value(POINTS + shift) - value(POINTS - shift),
         value(POINTS + 2 * shift) - value(POINTS - 2 * shift),

@@ -67,7 +67,7 @@ def test_a_drive_of_any_numbers():
 
 
 def test_no_number_passes_no_limit():
-    """A sensor shows its end for what is not a number, as for what lies beyond it."""
+    """A sensor shows its lower end for NaN, as for a value below its range."""
     assert measured(np.nan, ANY_CHAIN) == measured(-1e9, ANY_CHAIN)
     assert driven(np.nan, ANY_DRIVE) == driven(-1e9, ANY_DRIVE)
 

@@ -1,4 +1,4 @@
-"""Saturating iron in the C core against its equation in numpy, and its derivative by Taylor's theorem."""
+"""Saturating iron in the C core against its equation in numpy, and its derivative against Taylor's theorem."""
 
 import pickle
 from functools import cache
@@ -21,7 +21,7 @@ def numbers_of(name):
 
 @pytest.fixture(params=CASES)
 def case(request, library):
-    """A model, and the same in the core."""
+    """A model, and the same model in the core."""
     return CASES[request.param], CoreIron(numbers_of(request.param))
 
 
@@ -50,7 +50,7 @@ def test_the_equation_holds(case):
 
 @cache
 def two_hundred_currents():
-    """A model of as many, and its numbers for the core."""
+    """A model with 200 currents, and its numbers for the core."""
     of = model(IndependentCurrents(200), np.full(200, -0.1), np.full(200, 0.1))
     return of, core_numbers(compiled_model(of, checked=True))
 
@@ -71,7 +71,7 @@ def test_lookups_are_as_exact_as_their_tolerance_and_begin_from_nothing_where_as
     for currents in drawn(of, 30, 5):
         cold, exact = (weights_of(of, core.state(), currents, tolerance)[1] for tolerance in (1e-4, 1e-12))
         assert np.abs(cold - exact).max() < 1e-3 * np.abs(exact).max()
-        # What a state remembers changes nothing then.
+        # With `fresh` the memory of a state changes nothing.
         np.testing.assert_array_equal(weights_of(of, used, currents, 1e-4, fresh=True)[1], cold)
 
 
@@ -99,7 +99,7 @@ def test_terms_are_products_of_terms_before_them():
     assert len(np.unique(powers, axis=0)) == len(terms)
     assert np.bincount(powers.sum(axis=1)).tolist() == [1, 4, 10, 20, 35, 56, 84, 120]
     np.testing.assert_array_equal(degrees_of(terms), powers.sum(axis=1))
-    # As many as a solve may evaluate in a microsecond or two, and no degree so high that few signals overfit.
+    # As many terms as a solve evaluates in a microsecond or two, without a degree at which few signals overfit.
     counts = {signals: len(expansion_terms(signals)) for signals in (1, 2, 3, 6, 8)}
     assert counts == {1: 31, 2: 153, 3: 455, 6: 210, 8: 165}
 

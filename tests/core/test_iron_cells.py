@@ -12,7 +12,7 @@ from fieldmap.lookup.current_solver import compiled_model
 from tests.core.iron_cases import CASES, MODES, POINTS
 
 CELLS, EXACT = 4, 1e-12
-# The first of both laws has pinning, the other none: iron without hysteresis beside iron with it.
+# The first of the two laws has pinning, the second none: iron with hysteresis beside iron without it.
 PINNING = np.array([np.linspace(0.0, 8e-4, CELLS), np.zeros(CELLS)])
 SHARES = np.array([0.5, 1.0, 1.0, 0.5]) / 3.0
 # b = 2000 h up to 1 mT, a parabola to slope 1.2 at 3 mT, then slope 1.2: saturated cells have a derivative
@@ -43,7 +43,7 @@ def numbers_of(pinning=PINNING, shares=SHARES, of=OF):
 
 
 def led(state, way, tolerance=EXACT):
-    """Weights (n, COUNT) along a way (n, c)."""
+    """Weights (n, COUNT) along a path (n, c) of currents."""
     found = np.empty((len(way), COUNT))
     for currents, weights in zip(way, found, strict=True):
         assert state.step(np.array(currents), weights, tolerance=tolerance) == FOUND
@@ -51,7 +51,7 @@ def led(state, way, tolerance=EXACT):
 
 
 def cells_of(state):
-    """Reversible fields (p, k, 3) that the cells remember: the last numbers."""
+    """Reversible fields (p, k, 3) of the cells: the last numbers of the memory."""
     return state.remembered[-4 * POINTS * CELLS :].reshape(POINTS, CELLS, 4)[..., :3]
 
 
@@ -79,7 +79,7 @@ def test_each_step_is_the_least_of_energy_and_friction():
         assert np.all(np.linalg.norm(drag, axis=2)[pinned] <= kappa * (1.0 + 1e-9) + 1e-12)
         change = polarisation(now) - polarisation(before)
         moves = np.linalg.norm(change, axis=2) > 1e-9
-        # What moves lies on its circle, and its polarisation moved along the drag.
+        # Cells that move lie on their circle, and their polarisation moved along the drag.
         at = moves & pinned[:, None] & (kappa > 0.0)
         np.testing.assert_allclose(
             np.linalg.norm(drag, axis=2)[at], np.broadcast_to(kappa, at.shape)[at], rtol=1e-9
@@ -106,7 +106,7 @@ def test_without_pinning_it_is_the_iron_without_hysteresis():
 
 
 def along_x(rows):
-    """The same with the parts along y and z left out."""
+    """The same rows without the parts along y and z."""
     return rows * np.tile([1.0, 0.0, 0.0], POINTS)[:, None]
 
 
@@ -122,7 +122,7 @@ def test_on_one_axis_loops_close_are_wiped_out_and_ways_divide():
     np.testing.assert_allclose(led(core.state(), way(1.0, 0.2)), out[2:], rtol=1e-8, atol=1e-10)
     inner = led(core.state(), way(1.0, 0.2, 0.6, 0.4, 0.6, 0.2, 1.0))
     size = np.abs(inner).max()
-    # The inner loops close, and leave nothing behind.
+    # The inner loops close and leave nothing behind.
     for first, again in ((2, 4), (1, 5), (0, 6)):
         np.testing.assert_allclose(inner[again], inner[first], rtol=0.0, atol=1e-9 * size)
     branches = led(core.state(), way(0.6))[0], inner[2]
@@ -133,7 +133,7 @@ def test_in_space_the_way_back_differs_and_ways_divide_nearly():
     turn, inner = np.array([0.6, -0.4, 1.2]), np.array([0.2, 0.1, 0.5])
     whole = led(core_of().state(), [turn])[-1]
     size = np.abs(whole).max()
-    # The direction of the drag follows the way.
+    # The drag follows the path.
     assert np.abs(led(core_of().state(), np.linspace(0.0, turn, 8)[1:])[-1] - whole).max() < 0.02 * size
     back = led(core_of().state(), [turn, inner])[1]
     assert np.abs(back - led(core_of().state(), [inner])[0]).max() > 0.02 * size
@@ -162,7 +162,7 @@ def test_a_state_goes_on_from_what_it_remembered_to_the_last_bit(tolerance):
 
 
 def test_what_is_recalled_has_its_field_at_the_last_currents():
-    """A solve there returns at once: nothing makes the field anew."""
+    """A solve at these currents returns at once with the recalled field."""
     core = core_of()
     state, other = core.state(), core.state()
     led(state, WAY[:4], 1e-4)

@@ -16,7 +16,7 @@ def law(h):
 
 
 class Problem:
-    """Random iron in a random field; gradients as single precision holds them."""
+    """Random iron in a random field; gradients are rounded to single precision."""
 
     def __init__(self, points=POINTS, of_constant=1.0):
         random = np.random.default_rng(4)
@@ -46,7 +46,7 @@ class Problem:
         return inner + self.constant - self.air @ amplitudes
 
     def left(self, amplitudes, scale):
-        """Share of the state that amplitudes leave, in the norm of the energy."""
+        """Relative error of the amplitudes in the energy norm."""
         h, size, m = self.magnetised(amplitudes, scale)
         slope = np.where(size < 1e-3, 2000.0, 1.0)
         radial = np.einsum("pi,pir->pr", h, self.gradients.reshape(-1, 3, MODES)) / size[:, None]
@@ -56,7 +56,7 @@ class Problem:
         return np.sqrt(rest @ np.linalg.solve(tangent, rest) / (amplitudes @ tangent @ amplitudes))
 
     def solved(self, scale, start=None, tolerance=1e-9):
-        """Amplitudes, the status and the number of steps."""
+        """Amplitudes, status and number of steps."""
         found, state = np.zeros(MODES) if start is None else np.array(start), self.core.state()
         status = state.solve_in(scale * self.source, found, tolerance=tolerance)
         return found, status, state.steps
@@ -89,7 +89,7 @@ def test_a_state_that_solved_elsewhere_finds_the_same(problem):
 
 
 def test_without_a_field_the_iron_is_left_without_one(problem):
-    """However far the start: the solution is zero, and nothing is small beside it."""
+    """The solution is zero from any start, and no other size is left to compare with."""
     free = Problem(of_constant=0.0)
     start = free.solved(0.3)[0]
     found, status, _ = free.solved(0.0, start)
@@ -108,7 +108,7 @@ def test_the_tolerance_is_reached_however_many_points_there_are(tolerance):
 def test_a_solve_that_does_not_end_gives_the_amplitudes_after_its_last_step(problem):
     found, status, steps = problem.solved(0.3, tolerance=0.0)
     assert (status, steps) == (NOT_CONVERGED, MOST_STEPS)
-    # Steps in single precision are not corrected before the tolerance is near.
+    # Steps in single precision are not corrected before they are near the tolerance.
     assert problem.left(found, 0.3) < 1e-6
 
 
@@ -119,7 +119,7 @@ def test_no_number_gives_none(problem):
         assert state.solve_in(applied, found, tolerance=1e-9) == NOT_FINITE
         assert np.isnan(found).all()
         assert state.steps == 0
-        # The state is as good as before.
+        # The state is as usable as before.
         assert state.solve_in(good, np.zeros(MODES), tolerance=1e-9) == FOUND
 
 

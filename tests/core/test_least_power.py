@@ -50,7 +50,7 @@ def test_linear_programs_agree_on_what_is_feasible_and_what_is_least():
             continue
         np.testing.assert_allclose(matrix @ currents, demand, rtol=0, atol=1e-10 * (1 + np.abs(demand).max()))
         assert np.all((currents >= low) & (currents <= high))
-        # Convex: nothing feasible is less if the linear program with the power's own gradient finds nothing less.
+        # Convex: the point is optimal if the linear program with the power's gradient finds nothing less.
         here = 2 * weight @ currents**2
         assert judge.status == 0
         assert judge.fun == pytest.approx(here, rel=1e-7, abs=1e-9)
@@ -58,7 +58,7 @@ def test_linear_programs_agree_on_what_is_feasible_and_what_is_least():
 
 
 def test_demands_on_the_edge_of_what_is_possible():
-    # The support function's own currents are the only ones: a hair inside is met, a hair outside refused.
+    # Only one set of currents reaches the support function: just inside it is found, just outside it is refused.
     rng = np.random.default_rng(2)
     for _ in range(80):
         matrix, n = rng.normal(size=(3, 6)), 6
@@ -74,7 +74,7 @@ def test_demands_on_the_edge_of_what_is_possible():
 
 
 def test_rows_of_rounding_do_not_command():
-    # On an axis of symmetry two rows are noise: asked to be zero, they must not cost anything.
+    # On an axis of symmetry two rows are noise: a demand of zero for them must not cost anything.
     matrix = np.array([[1e-18, -2e-18, 1e-18], [0.0, 1e-19, 1e-18], [0.3, 0.3, 0.4]])
     currents, active, limit = np.empty(3), np.empty(3, np.int64), np.full(3, 9.0)
     demand = np.array([0.0, 0.0, 1.0])
@@ -83,7 +83,7 @@ def test_rows_of_rounding_do_not_command():
 
 
 def test_many_coils_take_more_room():
-    """With as many rows, and more, than coils: the shortest solution."""
+    """As many rows as coils, or more: the shortest solution."""
     rng = np.random.default_rng(4)
     for rows, coils in ((3, 40), (12, 12), (30, 12)):
         matrix, known = rng.normal(size=(rows, coils)), rng.normal(size=coils)

@@ -1,6 +1,6 @@
-"""Machines in the C core: how their field follows the currents, rotations, and what is refused.
+"""Machines in the C core: fields that follow the currents, rotations, and refused input.
 
-Motion, losses, contacts and whole runs are judged in tests/dynamics.
+Motion, losses, contacts and whole runs are tested in tests/dynamics.
 """
 
 import numpy as np
@@ -87,12 +87,12 @@ def test_iron_is_solved_as_currents_go_and_counted(name):
     done = machine.solves
     assert done._replace(newton_steps=0) == (5, 0, 0, 0)
     assert done.newton_steps >= 5
-    # Beyond the domain the model goes on, and the currents are counted.
+    # Beyond the domain the model continues, and such currents are counted.
     assert not machine.follow(5.0 * of.domain.largest)
     assert machine.solves._replace(newton_steps=0) == (6, 0, 0, 1)
     assert machine.follow(inside[-1])
     held = machine.weights
-    # Where no solve succeeds the iron stays as it was.
+    # Without a successful solve the iron stays as it was.
     machine = CoreMachine(machine.plant._replace(tolerance=0.0))
     machine.follow(inside[1])
     np.testing.assert_array_equal(machine.weights[:coils], 1.5 * inside[1])
@@ -126,7 +126,7 @@ def test_the_disturbance_is_added_in_the_frames_of_the_load():
 
 
 def test_a_wall_pushes_in_proportion_to_depth_and_speed_and_never_pulls():
-    """Of a skin of one point in the centre: stiffness times depth less damping times the speed outward, or nothing."""
+    """A skin of one point in the centre: stiffness times depth less damping times outward speed, never below zero."""
     still = CoreMachine(plant(0, 1))
     walls = np.array([1e3, 10.0, 0.0, 1e-3, MIDDLE[2] + 0.01, np.inf, np.inf, 0.0, 0.0])
     machine = CoreMachine(plant(0, 1, body_numbers(walls=walls, skin=np.zeros((1, 3)))))

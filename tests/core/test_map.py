@@ -1,5 +1,5 @@
-"""Maps in the C core, in all forms: nothing is read beyond a block, odd points, superposition, lanes and single points,
-what is refused; every library that was compiled, against the same polynomials in numpy."""
+"""Maps in the C core, in all forms: no reads beyond a block, odd points, superposition, lanes, single points, and
+refused input; every compiled library against the same polynomials in numpy."""
 
 import pickle
 
@@ -22,7 +22,7 @@ def evaluated(block, points, currents=None):
 
 
 def grid_points():
-    """All nodes, points on faces, a rounding beyond the upper corner, and any."""
+    """All nodes, points on faces, a point beyond the upper corner by rounding, and random points."""
     beyond = GRID.upper + 1e-12
     some = GRID.lower + np.random.default_rng(8).random((40, 3)) * (GRID.upper - GRID.lower)
     return np.concatenate([GRID.points(), GRID.points() * (1 - 1e-15), [beyond], [GRID.upper], some])
@@ -146,7 +146,7 @@ def test_contraction_is_the_weighted_sum():
 
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_one_point_answers_what_fits_and_nothing_else(kind):
-    """Random numbers at the nodes of the Hermite form: there rows and columns of the gradient differ."""
+    """Random numbers at the nodes of the Hermite form, so that rows and columns of the gradient differ."""
     block, _ = block_of(kind)
     core, place, moment = CoreMap(block), ODD[6], np.array([0.3, -0.7, 1.1])
     flux, slope, _ = evaluated(block, place[None], CURRENTS)

@@ -13,15 +13,15 @@ from tests.core.map_cases import CURRENTS, block_of, no_reaction
 from tests.core.test_soft_iron import DIPOLES, POSE, pieces
 
 ORIGIN = np.array([0.5, -0.25, 0.125])
-# Of three bodies, the world first, in the world; their rotations.
+# Places and rotations of three bodies in the world; the first body is the world.
 PLACES = ORIGIN + np.array([[9.0, 9.0, 9.0], [-0.2, 0.25, 1.1], [-0.18, 0.26, 1.13]])
 TURNS = np.array([np.eye(3), POSE, POSE @ POSE[[1, 2, 0]]])
-MODEL = 4096  # an address that nothing reads
+MODEL = 4096  # an address that is never read
 _APPLY = ctypes.CFUNCTYPE(None, *4 * [ctypes.c_void_p], ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p)
 
 
 class Simulator:
-    """What MuJoCo has: places, rotations, room for passive forces, and a function that applies a load."""
+    """The parts of MuJoCo: places, rotations, passive forces, and a function that applies a load."""
 
     def __init__(self):
         self.places, self.turns, self.passive = PLACES.copy(), TURNS.copy(), np.zeros(12)
@@ -67,7 +67,7 @@ def test_loads_are_those_of_the_map(simulator):
     simulator.call()
     assert not simulator.passive.any()
     task.enter()
-    # The first call says which model it is; others feel nothing.
+    # The first call sets the model; calls with another model do nothing.
     for model in (MODEL, MODEL + 8):
         simulator.call(model)
         assert not simulator.passive.any()
@@ -90,14 +90,14 @@ def test_loads_are_those_of_the_map(simulator):
 
 
 def between(place, moment):
-    """Potential energy of the dipole of magnet 1 and one at a place, in the world."""
+    """Potential energy, in the world, of the dipole of magnet 1 and a dipole at a place."""
     r = place - PLACES[1] - TURNS[1] @ DIPOLES[0, :3]
     source, size = TURNS[1] @ DIPOLES[0, 3:], np.linalg.norm(r)
     return MU0 / (4 * np.pi) * (source @ moment / size**3 - 3 * (source @ r) * (moment @ r) / size**5)
 
 
 def test_dipoles_on_each_other_lose_what_their_energy_gains(simulator):
-    """By differences; in a map without currents."""
+    """By differences, in a map without currents."""
     block, _ = block_of("harmonic")
     magnets = [Magnet(CoreBody(DIPOLES), 1, 0), Magnet(CoreBody(DIPOLES), 2, -1)]
     task = Task(CoreMap(block), np.zeros(2), magnets, simulator.layout, ORIGIN, True)
@@ -137,7 +137,7 @@ def test_a_magnet_that_leaves_the_map_feels_nothing_from_there_on(simulator):
             place, simulator.places[2] + TURNS[2] @ DIPOLES[0, :3] - ORIGIN, rtol=1e-14
         )
         simulator.places[2, 2] -= 10.0
-        # Nor the others.
+        # The other magnets feel nothing either.
         simulator.call()
         assert not simulator.passive.any()
         simulator.places[2, 2] += 10.0

@@ -1,9 +1,8 @@
-"""The core takes no memory while it runs: what each function of its headers needs, by the records for the linker.
+"""The core takes no memory while it runs: the calls of each function of its headers, from relocation records.
 
 Every function is compiled by itself, without optimisation, called or not, and its calls are read from the object file:
-nothing of a library but mathematics and copying. What opens and closes files takes memory on
-purpose, and is named here. What hands arrays of Python to the core (python*.h) takes memory from Python and is not part
-of this.
+only mathematics and copying are allowed. Functions that open and close files take memory on purpose and are named here.
+The functions that hand Python arrays to the core (python*.h) take memory from Python and are left out.
 """
 
 import re
@@ -33,17 +32,17 @@ pytestmark = pytest.mark.skipif(NO_COMPILER, reason="no gcc or no objdump on thi
 
 @pytest.fixture
 def library():
-    """Headers are the same for every processor: nothing here runs twice."""
+    """Headers are the same for every processor: these tests run once."""
 
 
 def beyond(headers, folder):
-    """Function of the headers -> what it needs beside the headers, mathematics and copying, where it needs anything."""
+    """Function of the headers -> its calls besides the headers, mathematics and copying, if it has any."""
     source, target = folder / "all.c", folder / "all.o"
-    # As compilers other than gcc and clang have it: else a function that nothing calls would leave no trace.
+    # `static inline` as for compilers other than gcc and clang: otherwise an unused function would leave no trace.
     lines = ['#include "real.h"', "#undef FIELDMAP_INLINE", "#define FIELDMAP_INLINE static inline"]
     source.write_text("\n".join([*lines, *(f'#include "{path.name}"' for path in headers), ""]))
     every = ["-O0", "-fkeep-inline-functions", "-ffunction-sections", "-fno-stack-protector"]
-    # An array of a length that is not constant would take memory as well, from the stack.
+    # An array of variable length would also take memory, from the stack.
     strict = ["-std=c99", "-Werror=vla", "-I", headers[0].parent]
     said("gcc", *every, *strict, "-c", source, "-o", target)
     compiled = set(re.findall(r"^\w+ t (\w+)$", said("nm", target), re.MULTILINE))

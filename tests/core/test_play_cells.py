@@ -1,4 +1,4 @@
-"""Iron with hysteresis: what its variational principle says, and one-dimensional cycles known in closed form."""
+"""Iron with hysteresis against its variational principle, and one-dimensional cycles in closed form."""
 
 import numpy as np
 import pytest
@@ -73,7 +73,7 @@ def points():
 
 
 def test_a_direction_that_turns_past_itself():
-    """Newton's method for the direction of h - r fails here, a case of some hundred thousand: the bounds find mu."""
+    """Newton's method for the direction of h - r fails here, one case in some hundred thousand: the bounds find mu."""
     h = np.array([[-0.00301318, -0.00383429, 0.00023671]])
     previous = np.array([[[0.00188384, 0.00492946, -0.00800917]]])
     r = law(h, previous, np.array([[7e-3]]), np.ones(1))[2]
@@ -86,7 +86,7 @@ def test_every_one_of_many_cells_finds_its_place():
     """Newton's method for the direction fails in some of these cells; then mu is searched between bounds."""
     random, count = np.random.default_rng(9), 40_000
     first = 10.0 ** random.uniform(-5.0, -1.5, (count, 1)) * random.standard_normal((count, 3))
-    # One part moves in any way, one turns back, and one moves little where it is saturated, which is the hard case.
+    # A quarter moves in any way, a quarter turns back, the rest moves little, the hard case in saturation.
     second = 10.0 ** random.uniform(-4.0, -2.0, (count, 1)) * random.standard_normal((count, 3)) + first
     second[::4] = 10.0 ** random.uniform(-5.0, -1.5, (count // 4, 1)) * random.standard_normal(
         (count // 4, 3)
@@ -96,7 +96,7 @@ def test_every_one_of_many_cells_finds_its_place():
     after = law(second, before)[2]
     drag, change = second[:, None] - after, vector(after) - vector(before)
     assert np.all(np.linalg.norm(drag, axis=2) <= CELLS * (1.0 + 1e-9) + 1e-15)
-    # Where the polarisation changes the drag is that of the pinning, and along the change: J is a minimum of (1).
+    # Where the polarisation changes, the drag has the size of the pinning and its direction: J is a minimum of (1).
     friction = CELLS * np.linalg.norm(change, axis=2)
     np.testing.assert_allclose(np.sum(drag * change, axis=2), friction, rtol=0.0, atol=1e-9 * friction.max())
 
@@ -215,7 +215,7 @@ def test_return_points_are_remembered_and_wiped_out():
 
 
 def test_rate_does_not_matter():
-    """However finely a way is divided, along one axis its end is the same."""
+    """A path along one axis ends at the same state for any division into steps."""
     ends = [
         led(np.concatenate([between(0, 2e-3, n), between(2e-3, -1e-3, n), between(-1e-3, 5e-4, n)]))[0][-1]
         for n in (1, 3, 50)
@@ -237,7 +237,7 @@ def test_loss_of_a_cycle_is_the_area_of_its_loop():
 
 
 def test_each_point_has_the_law_and_the_pinning_of_its_material(points):
-    """Two laws one behind the other, the second with half the slope in every piece; each as if it were alone."""
+    """Two laws, the second with half the slope in every piece; each point as if its law were alone."""
     h, _ = points
     offset, knots, coefficients = LAW
     soft = coefficients * 0.5 + np.array([0.0, 0.0, 0.5, 0.0]) + np.outer(knots, [0.0, 0.0, 0.0, 0.5])
@@ -253,7 +253,7 @@ def test_each_point_has_the_law_and_the_pinning_of_its_material(points):
 
 
 def test_rows_that_are_not_asked_for_stay_as_they_are(points, library):
-    """What cells remember may be written where it was read."""
+    """The memory of the cells may be written to the array it was read from."""
     h, _ = points
     of, before = PlayCells(np.zeros(len(h)), *LAW, CELLS, WEIGHTS), np.zeros((len(h), 4, 4))
     whole, parts, after = np.empty((len(h), 3)), np.full((len(h), 3), np.nan), np.empty_like(before)
@@ -292,7 +292,7 @@ def test_arrays_that_do_not_fit_are_refused(library, changed, error):
 
 
 def test_points_have_the_same_bits_alone_and_among_others(points):
-    """Threads take pieces of the points: then results do not depend on the number of threads."""
+    """Threads take pieces of the points: results then do not depend on the number of threads."""
     h, previous = points
     # Some cells stay, some move.
     before = law(h, previous)[2]

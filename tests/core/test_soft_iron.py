@@ -23,7 +23,7 @@ DIPOLES = np.array([[1e-3, -2e-3, 5e-4, 0.3, -0.2, 0.8]])
 
 
 def polarisation(h):
-    """J(h); past the last knot it stays."""
+    """J(h); constant beyond the last knot."""
     return float(LAW(h)) if h < KNOTS[-1] else J[-1]
 
 
@@ -124,7 +124,7 @@ def loaded(body, weights, flux, gradient, turn=POSE):
 
 
 def fields(points, count):
-    """Of `count` fields at the points: flux (points, count, 3) and gradient (points, count, 3, 3)."""
+    """`count` fields at the points: flux (points, count, 3) and gradient (points, count, 3, 3)."""
     rng = np.random.default_rng(2)
     return 0.05 * rng.normal(size=(points, count, 3)), rng.normal(size=(points, count, 3, 3))
 

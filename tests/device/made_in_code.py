@@ -1,4 +1,4 @@
-"""The Python twin of the data of a device file: the same machine by calls of constructors, mistakes included."""
+"""The Python twin of the data of a device file: the same machine by constructor calls, mistakes included."""
 
 import re
 from typing import get_args
@@ -48,7 +48,7 @@ def arguments(table, *leave_out):
 
 
 def one_of(classes, table, key, *leave_out, **more):
-    """An object of the class that the table chooses; where there is none, what a user would put in its place."""
+    """An object of the class that the table names, or, if no such class exists, the value that a user would pass."""
     if not isinstance(table, dict) or not isinstance(table.get(key), str) or table[key] not in classes:
         return table.get(key) if isinstance(table, dict) else table
     return classes[table[key]](**arguments(table, key, "position_mm", "rotation_deg", *leave_out), **more)
@@ -105,7 +105,7 @@ MADE = {
 
 
 def made_in_code(data):
-    """The device. Raises whatever the constructors raise."""
+    """The device; errors of the constructors pass through."""
     given = {"coils": []}
     for key, value in data.items():
         name, make = MADE.get(key, (key, None))

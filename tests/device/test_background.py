@@ -78,7 +78,7 @@ def test_written_and_read_again(gradient):
 
 
 def test_a_mirror_keeps_the_field_across_it_and_no_other():
-    """Flux density is an axial vector."""
+    """Flux density is an axial vector, so only a field across the mirror is kept."""
     mirror = np.diag([1.0, 1.0, -1.0])
     for flux, kept in (([0.0, 0.0, 1.0], True), ([1.0, 0.0, 0.0], False), ([1.0, 0.0, 1.0], False)):
         assert fm.Background(flux).is_kept_by(mirror, np.zeros(3)) is kept

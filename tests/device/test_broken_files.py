@@ -1,4 +1,4 @@
-"""Every kind of mistake in a device file: one edit of a valid file each, and the message that must come."""
+"""Every kind of mistake in a device file: one edit of a valid file each, and the message for it."""
 
 import tomllib
 from pathlib import Path
@@ -129,7 +129,7 @@ def test_a_curve_from_a_file_must_have_room_to_saturate(valid_text, tmp_path):
 
 
 def test_a_material_that_is_misspelt_once_is_reported_once(valid_text, tmp_path):
-    """However many bodies are made of it; another unknown name is another problem."""
+    """For any number of bodies of this material; another unknown name is another problem."""
     bodies = "".join(
         f'\n[[body]]\nname = "more {k}"\nmaterial = "{name}"\nshape = "sphere"\nradius_mm = 1\nmesh_size_mm = 1\n'
         f"position_mm = [{100 + 5 * k}, 0, 0]\n"

@@ -1,4 +1,4 @@
-"""Keys of a device file set to other values: what follows from them, what is recorded, what is refused."""
+"""Keys of a device file set to other values: their effects, the recorded text, and refused changes."""
 
 import numpy as np
 import pytest
@@ -7,6 +7,7 @@ import fieldmap as fm
 from fieldmap.device import read_device, recorded_device
 from fieldmap.errors import DeviceFileError, InputError, RecipeError
 from fieldmap.io import find_source, open_field
+from fieldmap.iron.materials import device_notes
 from tests.device.test_short_forms import SHORT
 
 
@@ -52,7 +53,7 @@ def test_arrays_whole_numbers_and_texts():
 
 @pytest.mark.parametrize("name", ["drive_unit", "loop_and_sphere"])
 def test_the_text_of_a_changed_device_is_that_device(name):
-    """What a map records, and by what a stopped run is known, has the changes in it."""
+    """The text in a map, which also identifies a stopped run, contains the changes."""
     key = {"drive_unit": "parameters.gap", "loop_and_sphere": "coil.loop.turns"}[name]
     before, after = read_device(name), read_device(name, {key: 150.0})
     assert before.text != after.text
@@ -60,6 +61,36 @@ def test_the_text_of_a_changed_device_is_that_device(name):
     for one, other in zip(again.bodies + again.coils, after.bodies + after.coils, strict=True):
         assert one.to_dict() == other.to_dict()
     assert recorded_device(after.text).coil_names == after.coil_names
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"parameters.bore": 12.0}, "parameters.bore = 12.0 (11.0 in the file)"),
+        ({"parameters.bore": "= radius/4"}, 'parameters.bore = "= radius/4" (11.0 in the file)'),
+        ({"coil.*.turns": 10}, "coil.*.turns = 10 (840 in the file)"),
+        # What follows from a parameter is told as the file has it.
+        (
+            {"coil.c1.inner_radius_mm": 9.0, "parameters.bore": 12.0},
+            "coil.c1.inner_radius_mm = 9.0 (11.0 in the file), parameters.bore = 12.0 (11.0 in the file)",
+        ),
+        (
+            {"coil.*.height_mm": np.float64(20.0)},
+            "coil.*.height_mm = 20.0 (30.0, 31.0, 32.0, 33.0, ... in the file)",
+        ),
+    ],
+)
+def test_a_device_tells_which_keys_were_changed_and_what_the_file_states(changes, words):
+    device = read_device(SHORT, changes)
+    assert device.changed == f"device text with {words}"
+    assert read_device(device.text).changed == recorded_device(device.text).changed == device.changed
+    assert device.replace(name="mine").changed == read_device(SHORT).changed == ""
+
+
+def test_a_changed_device_in_a_background_tells_both():
+    device = read_device("magnet_core", {"payload.mass_g": 6.0})
+    assert device_notes(device)[1:] == ("magnet_core.toml with payload.mass_g = 6.0 (5.0 in the file)",)
+    assert device_notes(read_device("magnet_core")) == device_notes(device)[:1]
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Shapes of coils: each stands in a file of its own; the winding as a closed curve of arcs and bars."""
+"""Shapes of coils: each is in a file of its own; the winding is a closed curve of arcs and bars."""
 
 import inspect
 from pathlib import Path
@@ -44,7 +44,7 @@ def test_the_outline_is_a_closed_curve_beside_the_middle_line(coil, length):
         expected = length + 2 * np.pi * offset * turning
         assert np.linalg.norm(steps, axis=1).sum() == pytest.approx(expected, rel=2e-5)
         assert np.linalg.norm(normals, axis=1) == pytest.approx(1.0)
-        # The normal stands to the right of the way.
+        # The normal points to the right of the direction of travel.
         along = np.linalg.norm(steps, axis=1) > 1e-9
         right = np.column_stack([steps[:, 1], -steps[:, 0]])[along]
         cosine = (right * normals[along]).sum(axis=1) / np.linalg.norm(right, axis=1)

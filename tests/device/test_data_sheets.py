@@ -1,6 +1,6 @@
-"""B-H curves as makers print them: from the origin, in files of any dialect, and with the mistakes of typing them off.
+"""B-H curves as makers print them: from the origin, in files of any dialect, and with typical mistakes of copying.
 
-The curve is a formula, J = Js H / (H + a), of Js = 2 T and a = 500 A/m; no table of the package.
+The curve is the formula J = Js H / (H + a) with Js = 2 T and a = 500 A/m, not a table of the package.
 """
 
 import re
@@ -58,7 +58,7 @@ SHEETS = {
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
 @pytest.mark.parametrize("sheet", SHEETS)
 def test_a_data_sheet_is_a_material_in_one_line(sheet, encoding, tmp_path):
-    """Of Python, and of a device file; without the origin, which every curve passes through."""
+    """In Python and in a device file; the origin, which every curve passes through, is left out."""
     (tmp_path / "steel.csv").write_text(SHEETS[sheet], encoding=encoding)
     (tmp_path / "one.toml").write_text(
         DEVICE + '[material]\niron = {kind = "bh_table", file = "steel.csv"}\n'
@@ -84,7 +84,7 @@ def told(h, b):
     (problem,) = caught.value.problems
     assert problem.where.endswith("material.iron.B_T")
     assert (problem.must_hold, problem.remedy[:16]) == (in_python.must_hold, in_python.remedy[:16])
-    # A table in Python has no origin to count.
+    # A table in Python does not count the origin as a point.
     assert problem.received.partition("(")[2] == in_python.received.partition("(")[2]
     return problem
 
@@ -163,7 +163,7 @@ EXTREME = {
 
 @pytest.mark.parametrize("name", EXTREME)
 def test_the_softest_and_the_strongest_materials_are_taken(name):
-    """Rounded values of the usual size for each; in mT or gauss, or with H and B exchanged, none is."""
+    """Rounded values of the usual size pass; in mT or gauss, or with H and B exchanged, they are refused."""
     h, b = map(np.array, EXTREME[name])
     fm.BHTable("iron", h, b).require_physical()
     for wrong in ((h, 1e3 * b), (h, 1e4 * b), (b, h)):

@@ -1,4 +1,4 @@
-"""The reference page of the format: complete, free of keys that do not exist, and its example is read."""
+"""The reference page of the format: it is complete, names no unknown key, and its example is read."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""The schema files for editors: in step with the reader, and accepting what the reader accepts."""
+"""The schema files for editors match the reader, and accept every file that the reader accepts."""
 
 import json
 import tomllib
@@ -62,5 +62,5 @@ def patterns(schema):
 
 @pytest.mark.parametrize("path", SCHEMAS, ids=lambda path: path.name)
 def test_no_pattern_is_told_as_it_is_written(path):
-    """Each has words of its own; "= 2*gap" and "{name}" are short forms, which are written out before."""
+    """Each pattern has its own words; "= 2*gap" and "{name}" are short forms, which are expanded first."""
     assert patterns(json.loads(path.read_text())) <= {*PATTERNS, "^=", "[{].*[}]"}

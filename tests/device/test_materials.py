@@ -1,4 +1,4 @@
-"""Laws of materials: each stands in a file of its own, and nothing outside the folder names one."""
+"""Laws of materials: each is in a file of its own, and no module outside the folder names one."""
 
 import re
 from pathlib import Path
@@ -36,8 +36,8 @@ def test_a_table_is_read_with_the_keys_of_its_kind():
 
 @pytest.mark.parametrize(("folder", "choices"), [("materials", MATERIAL_KEYS), ("coils", COIL_KEYS)])
 def test_no_other_module_names_a_class_of_a_folder(folder, choices):
-    """A new law or coil is one file. `fieldmap` and `fieldmap.device.model` offer the shipped ones to Python; magpylib
-    has blocks of its own for a rounded rectangle, and its currents are a coil of their own."""
+    """A new law or coil is one file. `fieldmap` and `fieldmap.device.model` export the shipped classes; the magpylib
+    modules build a rounded rectangle from blocks, and a coil from magpylib currents."""
     names = "|".join(sorted({keys.makes.__name__ for keys in choices.values()}))
     shown = ["__init__.py"] + ["sources/magpylib_objects.py", "device/magpylib_model.py"] * (
         folder == "coils"

@@ -1,4 +1,4 @@
-"""What was measured on a machine, against the lines that the thesis prints: section 3.3.1 and (7-18)."""
+"""Measurements on a machine against the lines that the thesis prints: section 3.3.1 and (7-18)."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from fieldmap.device.measured import measured_machine, measured_on
 
 def test_the_drive_unit_as_printed():
     machine = measured_machine("drive_unit")
-    # 10 mm of reading: 87 mm below the pole disk; (7-18): i = 0.0343 d + 1.215.
+    # 10 mm of reading is 87 mm below the pole disk; (7-18): i = 0.0343 d + 1.215.
     assert machine.height(10.0) == pytest.approx(-0.087)
     assert machine.height(10.0, magnet_offset=0.015) == pytest.approx(-0.102)
     assert [machine.lift_current(d) for d in (0.0, 10.0, 40.0)] == pytest.approx([1.215, 1.558, 2.587])
@@ -15,7 +15,7 @@ def test_the_drive_unit_as_printed():
 
 
 def test_shifts_count_from_what_was_read_at_signal_0():
-    """Table 6-2; at signal 0 -0.088 mm (Table 6-4), where the table of n = 1.5 has nothing."""
+    """Table 6-2; the shift at signal 0 is -0.088 mm (Table 6-4), a row that the table of n = 1.5 lacks."""
     first, second = measured_machine("drive_unit").shifts
     assert (first.n, second.n) == (1.25, 1.5)
     assert (first.reading_mm, second.reading_mm) == (10.0, 10.0)
@@ -30,7 +30,7 @@ def test_shifts_count_from_what_was_read_at_signal_0():
 def test_reading_and_height_are_inverse(reading, offset):
     machine = measured_machine("drive_unit")
     assert machine.reading_mm(machine.height(reading, offset), offset) == pytest.approx(reading, abs=1e-12)
-    # Downward: 1 mm more reading is 1 mm less height.
+    # The reading counts downward: 1 mm more reading is 1 mm less height.
     assert machine.height(reading + 1.0, offset) - machine.height(reading, offset) == pytest.approx(-1e-3)
 
 

@@ -1,4 +1,4 @@
-"""Every mistake of a device file made in Python as well: the same rules, told at the attribute."""
+"""Every mistake of a device file made in Python as well: the same rules, reported at the attribute."""
 
 import re
 import tomllib

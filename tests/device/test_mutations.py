@@ -1,4 +1,4 @@
-"""Device files and their Python twins with something wrong in them: a message each, soon, and never another error."""
+"""Mutated device files and their Python twins: each mistake gives a message, soon, and never another error."""
 
 import copy
 import os
@@ -72,7 +72,7 @@ def mutated(data, rng):
 
 
 def told(make, seed):
-    """Whether it was refused; whatever else it raises fails the test."""
+    """Whether the device was refused; any other error fails the test."""
     begin, problems = time.perf_counter(), None
     try:
         make()
@@ -88,7 +88,7 @@ def told(make, seed):
     return True
 
 
-# The share of mutants that are refused; in files that include another, a key that is dropped is often still there.
+# The share of mutants that are refused. In files that include others, a dropped key may still come from there.
 LEAST = {"everything": 0.7, "short": 0.7, "eight_coils": 0.6, "drive_unit": 0.6, "drive_unit_a3": 0.5}
 
 
@@ -106,7 +106,7 @@ def test_files(source, seeds, valid_text):
 
 @pytest.mark.parametrize("value", VALUES)
 def test_any_value_anywhere(value, valid_text, tmp_path):
-    """In the place of each value of one line, and of each table."""
+    """The value replaces each value of one line, and each table."""
     path, lines, problems = tmp_path / "device.toml", valid_text.split("\n"), []
 
     def told_of(text):
@@ -121,7 +121,7 @@ def test_any_value_anywhere(value, valid_text, tmp_path):
     for k, line in enumerate(lines):
         key, is_value, _ = line.partition("=")
         text = "\n".join([*lines[:k], f"{key}= {value}", *lines[k + 1 :]])
-        # The lines that begin a value of several lines are left as they are.
+        # Lines that begin a value of several lines are left as they are.
         if is_value and is_toml(text):
             told_of(text)
     assert len(problems) > 20
@@ -139,7 +139,7 @@ def is_toml(text):
 
 @seeded
 def test_changes(seeds):
-    """Any value at any key of a shipped device, as `--set` gives them."""
+    """Any value at any key of a shipped device, as given by `--set`."""
     paths = all_paths(DEVICE.load(shipped_file("geometry", "drive_unit")).data)
     refused = 0
     for seed in seeds:

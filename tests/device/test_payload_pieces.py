@@ -1,4 +1,4 @@
-"""Payloads of several pieces, of magnets and of soft iron: files, Python, what is wrong with them, inertia."""
+"""Payloads of several pieces, of magnets and of soft iron: files, Python, their mistakes, and inertia."""
 
 import numpy as np
 import pytest
@@ -67,7 +67,7 @@ def test_a_file_and_its_text_are_the_same(text, tmp_path):
     device = fm.read_device(text)
     again = fm.read_device(device.to_toml())
     assert same(again.payload, device.payload)
-    # In Python the material by its name, or itself: the device takes it in.
+    # In Python a piece has the name of a material, or the material itself, which the device then contains.
     steel = fm.material("steel_a3")
     named = fm.Payload(mass=3e-4, pieces=[fm.SoftSphere(4e-3, "steel")])
     assert device.replace(payload=named).payload.pieces[0].shape.material is device.materials["steel"]
@@ -126,7 +126,7 @@ def test_what_is_wrong_in_python_is_told_at_its_attribute():
     assert problems(fm.Payload(1e-3, pieces=[fm.SoftSphere(1e-3, "iron")])) == [
         'Device "one": payload.pieces[0].shape.material'
     ]
-    # Pieces have directions of their own.
+    # Pieces have their own directions.
     assert problems(fm.Payload(1e-3, pieces=[fm.SoftSphere(1e-3, steel)], direction="down")) == [
         'Device "one": payload.direction'
     ]

@@ -1,4 +1,4 @@
-"""Simple polygons and what is not one; areas and arcs against elementary geometry."""
+"""Simple polygons and refused ones; areas and arcs against elementary geometry."""
 
 import math
 import re

@@ -50,7 +50,7 @@ def test_copies_about_an_axis_keep_the_symmetry_of_the_circle():
     angles = np.deg2rad(60.0 * np.arange(6))
     expected = np.column_stack([0.044 * np.cos(angles), 0.044 * np.sin(angles), np.full(6, 0.006)])
     assert at == pytest.approx(expected, abs=1e-15)
-    # Images of each other to the last bit: under x -> -x, y -> -y, and at half the radius.
+    # Under x -> -x, y -> -y, and at half the radius, the places are images to the last bit.
     assert at[1, 0] == 0.022
     assert np.array_equal(at[1] * [-1, 1, 1], at[2])
     assert np.array_equal(at[1] * [1, -1, 1], at[5])
@@ -90,8 +90,8 @@ def test_turned_and_mirrored_against_matrices(axis, rotation):
 
 @pytest.mark.parametrize("plane", ["x", "y", "z"])
 def test_a_mirrored_winding_has_the_mirrored_field(plane):
-    """A mirrored magnet's field is mirrored like a vector, with the sign of its axis: B'(Mx) = M B(x) if the axis is
-    mirrored and currents run counter-clockwise about it."""
+    """A mirrored magnet's field is mirrored like a vector, and changes sign with its axis: B'(Mx) = M B(x) if the axis
+    is mirrored and currents run counter-clockwise about it."""
     corners = [[-0.03, -0.03], [0.03, -0.03], [0.03, 0.02]]
     coil = fm.PathCoil(
         "a", corners, 0.006, 0.008, 0.01, 20, placement=fm.placed([0.05, 0.02, 0.01], [10, 20, 30])
@@ -129,7 +129,7 @@ def test_copies_in_a_row_and_names():
 
 @dataclass(frozen=True, repr=False)
 class HexagonalCoil(fm.Coil):
-    """A coil without keys of a file."""
+    """A coil class without keys in files."""
 
     kind = "hexagonal"
 
@@ -179,7 +179,7 @@ def test_a_map_of_a_device_is_that_of_its_file(tmp_path):
     assert np.array_equal(ours.gradient(points, 1.5), theirs.gradient(points, 1.5))
     assert ours.error_bound == theirs.error_bound
     assert ours.info.provenance.device_text == theirs.info.provenance.device_text
-    # The text that the file records makes it again.
+    # The recorded text makes the device again.
     (tmp_path / "again.toml").write_text(
         ours.info.provenance.recipe_text.replace('device = "loop"', 'device = "loop.toml"')
     )

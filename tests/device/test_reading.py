@@ -1,4 +1,4 @@
-"""What comes out of a valid file: SI units, frames, names, read-only arrays."""
+"""The contents of a valid file after reading: SI units, frames, names, read-only arrays."""
 
 import dataclasses
 import hashlib
@@ -24,7 +24,7 @@ def test_names_order_and_record(device, valid_text, tmp_path):
     assert device.coil_names == ("round", "race", "path")
     assert [body.name for body in device.bodies] == ["disk", "collar", "wedge", "spindle", "bracket"]
     assert device.text == valid_text
-    # Line ends of Windows, and a mark of the byte order, are no part of the text.
+    # Windows line ends and a byte order mark are not part of the text.
     (tmp_path / "other.toml").write_bytes(b"\xef\xbb\xbf" + valid_text.replace("\n", "\r\n").encode())
     assert read_device(str(tmp_path / "other.toml")).text == valid_text
     assert device.source == tmp_path / "device.toml"
@@ -133,7 +133,7 @@ def test_moment_alone_and_cylindrical_workspace(valid_text, tmp_path):
     ],
 )
 def test_which_way_a_moment_points(valid_text, written, direction, turning, sign, held):
-    """In the file, in its text, in the record of a map and in what stands for the magnet."""
+    """In the file, in its text, in the record of a map, and in the magnetic body."""
     device = read_device(valid_text.replace("mass_g = 11.19", f"mass_g = 11.19\n{written}"))
     for payload in (
         device.payload,

@@ -182,7 +182,7 @@ def number_locations(data: dict) -> list[tuple]:
         elif isinstance(here, list) and here and isinstance(here[0], dict):
             waiting += [((*location, k), value) for k, value in enumerate(here)]
         elif location[-1] == "between":
-            # Names of bodies.
+            # The entries are names of bodies.
             continue
         elif isinstance(here, int | float | list):
             found.append(location)

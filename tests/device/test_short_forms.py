@@ -1,4 +1,4 @@
-"""Short forms of device files: repetition, mirrors, parameters, defaults, included files; where mistakes are told."""
+"""Short forms of device files: repetition, mirrors, parameters, defaults, included files; the places of mistakes."""
 
 import time
 import tomllib

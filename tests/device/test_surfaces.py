@@ -1,4 +1,4 @@
-"""Closed surfaces of triangles as bodies: STL files, messages for surfaces that bound no solid."""
+"""Closed surfaces of triangles as bodies: STL files, and messages for surfaces that bound no solid."""
 
 import struct
 
@@ -54,7 +54,7 @@ def test_an_stl_file_gives_its_corners_once(write, tmp_path):
 
 
 def test_a_cube_from_stl_is_the_box(tmp_path):
-    """The same solid, so that the same mesh comes out."""
+    """It is the same solid, so the mesh is the same."""
     write_binary(tmp_path / "cube.stl", CORNERS[FACES])
     surface = fm.TriangleSurface.from_stl(tmp_path / "cube.stl")
     points = np.array([[0.0, 0.0, -0.003], [0.009, 0.001, 0.004], [0.0, 0.02, 0.01]])
@@ -172,7 +172,7 @@ def test_shells_that_face_the_wrong_way_are_named(tmp_path, shells, words):
     (problem,) = caught.value.problems
     assert problem.where == str(tmp_path / "cubes.stl")
     assert words in problem.received
-    # The same in a device that is made of the triangles.
+    # A device made of the triangles gives the same problem.
     points, triangles = read_stl(tmp_path / "cubes.stl")
     with pytest.raises(InputError) as caught:
         machine(fm.TriangleSurface(1e-3 * points, triangles))
@@ -187,7 +187,7 @@ def test_shells_that_cut_each_other_are_named(tmp_path):
         fm.TriangleSurface.from_stl(tmp_path / "cubes.stl")
     assert "shell 1 of 2" in caught.value.problems[0].received
     assert "shell 2 of 2" in caught.value.problems[0].received
-    # Their faces in common planes: no edge goes through a triangle, and the kernel finds what is there twice.
+    # With faces in common planes no edge goes through a triangle; the kernel finds the volume that counts twice.
     write_binary(tmp_path / "cubes.stl", cubes((10, 0, 1), (10, 7, 1)))
     with pytest.raises(GeometryError) as caught:
         check_geometry(machine(fm.TriangleSurface.from_stl(tmp_path / "cubes.stl")))

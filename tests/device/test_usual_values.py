@@ -1,4 +1,4 @@
-"""Slips of the unit: a question for every value that no bench holds, the same in Python and in files."""
+"""Slips of the unit: a warning for each value beyond any bench, the same in Python and in files."""
 
 import warnings
 

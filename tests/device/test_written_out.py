@@ -1,4 +1,4 @@
-"""The shipped devices in short form against the tables that they stand for (written_out.toml)."""
+"""The shipped devices in short form against their tables in full (written_out.toml)."""
 
 import tomllib
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Pictures of the pages: their records, and `pytest tests/docs --rewrite-pictures`, which draws them anew."""
+"""Records of the pages' pictures, and `pytest tests/docs --rewrite-pictures`, which draws the pictures anew."""
 
 import hashlib
 import json
@@ -16,12 +16,12 @@ RECORDS = IMAGES / "records.json"
 
 
 def pytest_addoption(parser):
-    """Known where tests of this folder are named on the command line."""
+    """The option exists only if tests of this folder are named on the command line."""
     parser.addoption("--rewrite-pictures", action="store_true", help="write docs/images and its records anew")
 
 
 def records() -> dict[str, dict[str, Any]]:
-    """By picture: made_by, sha256 of the file, `shows` (what was drawn), `scene` (of the
+    """By picture: made_by, sha256 of the file, `shows` (the drawn content), `scene` (of the
     device alone), `inputs` (digests)."""
     found: dict[str, dict[str, Any]] = json.loads(RECORDS.read_text())
     return found
@@ -37,15 +37,15 @@ def _one_line(found: re.Match[str]) -> str:
 
 @pytest.fixture(scope="session")
 def rewriting(request) -> bool:
-    """Whether pictures are to be written anew."""
+    """Whether to write pictures anew."""
     return bool(request.config.getoption("--rewrite-pictures", default=False))
 
 
 @pytest.fixture
 def hold_picture(rewriting):
-    """hold_picture(name, made_by, key, content, drawn): the record of a picture must say this of it.
+    """hold_picture(name, made_by, key, content, drawn): compare a picture's record with this content.
 
-    drawn: the file just drawn, which takes the place of the picture where pictures are written anew.
+    drawn: the new file, which replaces the picture when pictures are written anew.
     """
     from tests.docs.picture_record import differences
 
@@ -59,7 +59,7 @@ def hold_picture(rewriting):
                 shutil.copy(drawn, IMAGES / name)
             known[name] = {**entry, "made_by": made_by, "sha256": digest(IMAGES / name), key: content}
             text = json.dumps(dict(sorted(known.items())), indent=1)
-            # A list of numbers on one line.
+            # Each list of numbers on one line.
             RECORDS.write_text(re.sub(r"\[\s+([^\[\]{}]*?)\s+\]", _one_line, text) + "\n")
             return
         words = f"{name} is not what `{made_by}` draws: pytest tests/docs --rewrite-pictures draws it anew"

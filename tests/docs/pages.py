@@ -11,11 +11,11 @@ PAGES += sorted((ROOT / "docs").glob("*/*.md"))
 
 
 def named(path: Path) -> str:
-    """Its place in the repository."""
+    """Path of a file relative to the repository."""
     return str(path.relative_to(ROOT))
 
 
 def blocks(page: Path | str, language: str = "python", below: str = "") -> list[str]:
-    """The code of a page in a language, from a heading on; a page of docs/ by its name."""
+    """Code blocks of a page in a language, after a heading if given; a page of docs/ by its name."""
     text = (ROOT / "docs" / page).read_text()
     return re.findall(rf"^```(?:{language})\n(.*?)^```$", text[text.index(below) :], re.DOTALL | re.MULTILINE)

@@ -1,7 +1,7 @@
-"""What a figure or a scene shows, as data: titles, axes, curves, solids and where they are, without pixels.
+"""The content of a figure or a scene as data: titles, axes, curves, solids and their positions, without pixels.
 
-A picture in the documentation has such a record beside it, so that a test can tell whether the command that is named
-for it would still draw the same (docs/images/records.json).
+Each picture of the documentation has such a record, so that a test can tell whether its command would still draw the
+same (docs/images/records.json).
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,7 +22,7 @@ SAMPLES = 9
 
 
 def figure_record(figure: Figure) -> dict[str, Any]:
-    """Title and paper of the figure, and of each of its axes the title, texts, labels, scales, and what is drawn.
+    """Title and background of a figure, and for each of its axes title, texts, labels, scales and content.
 
     >>> from matplotlib.figure import Figure
     >>> figure = Figure()
@@ -66,9 +66,9 @@ def _meshes(axes: Axes) -> list[QuadMesh]:
 
 
 def scene_record(scene: pv.Plotter) -> dict[str, Any]:
-    """What stands in a scene, in the order in which it was added: bounds, colour and opacity of every solid, mm.
+    """Bounds, mm, colour and opacity of every solid of a scene, in the order in which they were added.
 
-    Rulers, texts and colour bars are counted; paper: the colour behind.
+    Rulers, texts and colour bars are only counted; paper: the background colour.
     """
     solids = [actor for actor in scene.actors.values() if isinstance(actor, pv.Actor)]
     return {
@@ -86,7 +86,7 @@ def scene_record(scene: pv.Plotter) -> dict[str, Any]:
 
 
 def sampled(values: ArrayLike | None) -> list[float]:
-    """Some values of an array, to seven digits; NaN as it is."""
+    """Some values of an array, to seven digits; NaN stays NaN."""
     flat: Array = np.ma.filled(np.ma.asarray(values, dtype=float), np.nan).ravel()
     if not len(flat):
         return []
@@ -95,7 +95,7 @@ def sampled(values: ArrayLike | None) -> list[float]:
 
 
 def differences(then: object, now: object, where: str = "", share: float = 1e-3) -> list[str]:
-    """Where two records differ: texts and counts at all, numbers by more than a share of the largest of their list."""
+    """Differences of two records: of texts and counts, and of numbers by more than a share of their list's largest."""
     if isinstance(then, Mapping) and isinstance(now, Mapping):
         keys = [*then, *(key for key in now if key not in then)]
         return [

@@ -1,4 +1,4 @@
-"""The pages of the reference have the signatures of now, for readers of a checkout."""
+"""The reference pages have the current signatures, for readers of a checkout."""
 
 import importlib
 

@@ -1,4 +1,4 @@
-"""Every `fieldmap ...` line in the documentation is one that the program would accept."""
+"""Every `fieldmap ...` line in the documentation is accepted by the program."""
 
 import contextlib
 import itertools
@@ -15,7 +15,7 @@ from fieldmap.shipped import shipped_names
 from fieldmap.thesis import part_names, row_names
 from tests.docs.pages import PAGES, ROOT, named
 
-# Its own: a command keeps the help options of the context in which it was first parsed, and these have no program.
+# A separate program: a command keeps the help options of the context in which it was first parsed; these have none.
 PROGRAM = application.__wrapped__()
 IN_BLOCK = re.compile(r"^(?:    |\$ )(?:\.venv/bin/)?(fieldmap .*)$", re.MULTILINE)
 IN_TEXT = re.compile(r"`(fieldmap (?!COMMAND)[^`\n]*)`")
@@ -24,7 +24,7 @@ CODE = re.compile(r"^```(?:python|c)\n.*?^```$", re.DOTALL | re.MULTILINE)
 
 
 def command_lines(path: Path) -> list[tuple[str, bool]]:
-    """Command lines of a page, and whether they are complete (a block) or a mention in the text."""
+    """Command lines of a page, and whether each is complete (in a block) or a mention in the text."""
     text = CODE.sub("", path.read_text())
     return [(line, True) for line in IN_BLOCK.findall(text)] + [
         (line, False) for line in IN_TEXT.findall(text)
@@ -45,7 +45,7 @@ def test_there_are_command_lines():
 
 @pytest.mark.parametrize(("page", "line", "whole"), ALL, ids=lambda value: str(value)[:60])
 def test_options_exist(page, line, whole):
-    """Parsed by the program itself up to the point at which it would begin to work."""
+    """The program itself parses the line, without running the command."""
     words = words_of(line)
     if not words or words[0].startswith("--"):
         known = {
@@ -66,7 +66,7 @@ def test_options_exist(page, line, whole):
 
 @pytest.mark.parametrize(("page", "line", "whole"), ALL, ids=lambda value: str(value)[:60])
 def test_files_exist(page, line, whole):
-    """Shipped devices and recipes are named as they are."""
+    """Shipped devices and recipes exist under the names on the pages."""
     known = {"map": ("maps", ""), "study": ("maps", "studies"), "fit": ("maps", "fits")}
     known["optimise"] = known["study"]
     known |= dict.fromkeys(("simulate", "linearise", "tune"), ("maps", "scenarios"))

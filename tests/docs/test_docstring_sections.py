@@ -1,4 +1,4 @@
-"""Functions on the pages of the reference say what each of their arguments is, in a section Parameters."""
+"""Functions in the reference describe each of their arguments in a section Parameters."""
 
 import re
 from collections.abc import Iterator
@@ -27,7 +27,7 @@ def target(found):
 
 
 def functions(found) -> Iterator:
-    """The public functions that an entry shows: itself, those of a module, the methods of a class."""
+    """The public functions that an entry shows: the function itself, or those of a module or class."""
     if found.is_function:
         yield found
     elif found.is_class or found.is_module:
@@ -38,7 +38,7 @@ def functions(found) -> Iterator:
 
 
 def described(function) -> set[str]:
-    """Arguments in the section Parameters of a function, or of the method of a base that it overrides."""
+    """Arguments in the section Parameters of a function, and of the base-class methods that it overrides."""
     names = set()
     if function.docstring is not None:
         for section in function.docstring.parse("numpy", warnings=False):
@@ -72,7 +72,7 @@ def test_an_argument_without_a_word_is_found():
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_examples_have_a_section_of_their_own(package, page):
-    """Where a docstring has sections, an example without a heading would belong to the last of them."""
+    """In a docstring with sections, an example without a heading would belong to the last section."""
     for entry in entries(page):
         for one in functions(target(package[entry])):
             text = "" if one.docstring is None else one.docstring.value
@@ -81,7 +81,7 @@ def test_examples_have_a_section_of_their_own(package, page):
 
 
 def lines(found, members=None) -> int:
-    """Of the docstrings that an entry shows, with six more for each heading."""
+    """Lines of the docstrings that an entry shows, plus six for each heading."""
     count = 6 + (found.docstring.value.count("\n") + 1 if found.docstring else 0)
     for name, member in found.members.items() if found.is_class or found.is_module else ():
         imported = found.is_module and member.is_alias

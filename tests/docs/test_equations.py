@@ -1,4 +1,4 @@
-"""Every equation that code, tests or pages cite by its number is on its page, each number once, without a gap."""
+"""Every equation that code, tests or pages cite by number is on its page; numbers are unique and without gaps."""
 
 import re
 from pathlib import Path
@@ -35,11 +35,11 @@ def cited(words: str) -> list[int]:
 
 
 def citations() -> list[tuple[Path, str, list[int]]]:
-    """File, page, and the numbers of it that the file cites."""
+    """File, theory page, and the cited numbers of that page."""
     found = []
     for path in FILES:
         text = path.read_text()
-        # Most files cite none, and to go through their spaces takes most of the time.
+        # Most files cite nothing; collapsing their whitespace would take most of the time.
         if "theory/" not in text:
             continue
         text = re.sub(r"\s+", " ", text)

@@ -1,5 +1,5 @@
-"""Blocks marked `<!-- runs -->` run, page by page in one go, on the files that the page writes (`<!-- file: NAME -->`),
-and print what the block after them shows: all of it (`prints`), or these lines among others (`shows`)."""
+"""Blocks marked `<!-- runs -->` run in one go for each page, on files that the page writes (`<!-- file: NAME -->`). The
+block after them shows all of the output (`prints`) or lines from it (`shows`)."""
 
 import contextlib
 import io
@@ -33,18 +33,18 @@ def test_the_first_pages_have_examples():
 
 
 def run_commands(block: str) -> None:
-    """The lines of a terminal, each as the program would take it, in this process."""
+    """Run the lines of a console block, in this process where they are commands of fieldmap."""
     for line in re.findall(r"^\$ (.*)$", block, re.MULTILINE):
         words = shlex.split(line)
         if words[0] == "fieldmap":
             assert main(words[1:]) == 0, line
-        else:  # the compiler, and what it made
+        else:  # the compiler, and the compiled program
             assert words[0] == "cc" or words[0].startswith("./"), line
             print(subprocess.run(words, check=True, capture_output=True, text=True).stdout, end="")
 
 
 def shows(expected: str, printed: str) -> None:
-    """These lines are among the printed ones, in this order."""
+    """Assert that these lines are among the printed lines, in this order."""
     lines = iter([line.rstrip() for line in printed.splitlines()])
     for line in expected.splitlines():
         if line.strip() not in ("", "..."):
@@ -52,8 +52,8 @@ def shows(expected: str, printed: str) -> None:
 
 
 @pytest.fixture
-def figures(monkeypatch):
-    """What the figures show that are saved meanwhile, by the name of the file; each in the dark, too."""
+def figures(monkeypatch, tmp_path):
+    """Records of the figures saved meanwhile, by file name, in light and dark; dark files lie in `tmp_path`."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
@@ -67,8 +67,10 @@ def figures(monkeypatch):
         save(figure, path, **options)
         seen[Path(path).name] = figure_record(figure)
         with in_the_dark(figure):
-            save(figure, dark_path(path), **options)
-            seen[dark_path(path).name] = figure_record(figure)
+            # Not beside it: a figure that is written whole lies in a folder of its own meanwhile.
+            dark = tmp_path / dark_path(path).name
+            save(figure, dark, **options)
+            seen[dark.name] = figure_record(figure)
 
     monkeypatch.setattr(Figure, "savefig", saved)
     with rc_context():  # pages choose the style of their figures
@@ -77,7 +79,7 @@ def figures(monkeypatch):
 
 @pytest.mark.parametrize("path", WITH_EXAMPLES, ids=named)
 def test_examples(path: Path, tmp_path, monkeypatch, figures, hold_picture):
-    """A page from top to bottom, in a folder of its own; the pictures that it shows are those that it draws."""
+    """A page from top to bottom in an empty folder; its pictures must equal the figures that it draws."""
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     unseen = printed = ""
@@ -93,7 +95,7 @@ def test_examples(path: Path, tmp_path, monkeypatch, figures, hold_picture):
                 else:
                     exec(compile(block["code"], f"{named(path)}, example", "exec"), names)
             printed = out.getvalue()
-            # What Python prints, a page shows; of what a command prints, as much as it likes.
+            # A page must show all output of Python; output of commands may be left out.
             unseen = printed if block["language"] == "python" else ""
         else:
             if block["marker"] == "shows":
@@ -110,7 +112,7 @@ def test_examples(path: Path, tmp_path, monkeypatch, figures, hold_picture):
 
 @pytest.mark.parametrize("page", PAGES, ids=named)
 def test_every_marker_belongs_to_a_block(page):
-    """A marker with a slip in it would silently run nothing."""
+    """A misspelt marker would silently run nothing."""
     text = page.read_text()
     marked = list(MARKED.finditer(text))
     assert len(MARKER.findall(text)) == len(marked)
@@ -119,7 +121,7 @@ def test_every_marker_belongs_to_a_block(page):
 
 @pytest.mark.parametrize("path", PAGES, ids=named)
 def test_python_blocks_are_python(path: Path):
-    """Those that are too slow to run at least compile."""
+    """Blocks that are too slow to run must compile."""
     for code in blocks(path):
         compile(code, named(path), "exec")
 

@@ -1,4 +1,4 @@
-"""The readers on the page of file formats read what the program writes, without the program; the page has all of it."""
+"""The readers on the page of file formats read the program's files without it; the page lists all of them."""
 
 import re
 import shutil
@@ -26,7 +26,7 @@ LONGEST = 40
 
 
 def hdf5_flags() -> list[str]:
-    """What a C compiler needs for the HDF5 library; skips where it is not installed."""
+    """Compiler flags for the HDF5 library; skips if it is not installed."""
     if shutil.which("gcc") is None or shutil.which("pkg-config") is None:
         pytest.skip("no gcc or pkg-config on this machine")
     found = subprocess.run(
@@ -39,7 +39,7 @@ def hdf5_flags() -> list[str]:
 
 @pytest.fixture
 def run(tmp_path):
-    """run(program, *arguments): what a program of the page prints, as words."""
+    """run(program, *arguments): the words printed by a program of the page."""
 
     def printed(name: str, *arguments: object) -> str:
         source = tmp_path / name
@@ -159,7 +159,7 @@ def test_the_page_names_all_columns_of_the_numbers():
 
 
 def test_the_page_has_every_file_that_a_command_writes():
-    """By the endings that the commands' own pages name."""
+    """By the endings named in the help of the commands."""
     text = (ROOT / "docs" / "commands.md").read_text()
     written = set(re.findall(r"(?:-o|--output) \S+(\.\w+)", text)) | {
         ".h5",

@@ -1,4 +1,4 @@
-"""The first sentences say the same everywhere, and the figures of README.md are those of the pages they come from."""
+"""The introductory sentences agree everywhere, and the numbers of README.md equal those of their pages."""
 
 import re
 import tomllib
@@ -25,7 +25,7 @@ HEADLINES = {
 
 @pytest.mark.parametrize("place", HEADLINES)
 def test_what_is_meshed_is_said_alike(place):
-    """There are finite elements inside the iron: "no finite elements" would be false."""
+    """The iron has finite elements, so "no finite elements" would be false."""
     text = HEADLINES[place].lower()
     assert "only the iron is meshed, never the air" in text
     assert not re.search(r"\b(?:no|without) finite elements?\b", text)
@@ -48,7 +48,7 @@ def largest(case: str, quantity: str) -> float:
 
 
 def figure(pattern: str) -> list[float]:
-    """The numbers of README.md at a place that is there once."""
+    """The numbers of README.md that match a pattern; the match must be unique."""
     found = re.findall(pattern, README)
     assert len(found) == 1, pattern
     return [float(number) for number in found[0]]
@@ -80,7 +80,7 @@ def test_the_time_of_a_lookup_is_that_of_its_page():
 
 
 def test_the_main_job_is_that_of_its_output():
-    """The first page shows some of the lines that the page of recipes shows whole."""
+    """The first page shows some lines of the output on the page of recipes."""
     states, minutes = figure(r"from (\d+) solved states: ([\d.]+) minutes")
     assert (states, minutes) == tuple(figure(r"cost +(\d+) states in ([\d.]+) minutes"))
     whole = (ROOT / "docs" / "recipes.md").read_text()

@@ -1,4 +1,4 @@
-"""The pages of keys have a row for every key of every file, with what the schema says; every example is taken."""
+"""The pages of keys have a row for every key of every file, with the schema's description; examples are valid."""
 
 import importlib
 import re
@@ -18,7 +18,7 @@ KINDS = {kind.name: kind for kind in FILE_KINDS}
 
 @pytest.fixture(scope="module")
 def program():
-    """The program that writes the pages."""
+    """The script that writes the pages."""
     sys.path.insert(0, str(ROOT / "scripts" / "dev"))
     yield importlib.import_module("key_pages")
     sys.path.remove(str(ROOT / "scripts" / "dev"))
@@ -26,7 +26,7 @@ def program():
 
 
 def without_examples(text: str) -> list[str]:
-    """Lines of a page; of a row, all but its last cell: another file may have a shorter example."""
+    """Lines of a page; rows without their last cell, because an example may come from another file."""
     return [re.sub(r"(?<=[^\\] )\| `[^|]*` \|$", "|", line) for line in text.splitlines()]
 
 
@@ -39,7 +39,7 @@ def test_pages_are_those_that_the_program_writes(name, program):
 
 
 def text_of(program: Any, name: str) -> str:
-    """The pages of a kind of file as they stand in docs/keys, one behind the other."""
+    """All pages of a kind of file in docs/keys, joined."""
     first = name.replace(" ", "_")
     names = [first, *(f"{first}_{part}" for part in program.PARTS.get(name, {}))]
     return "\n".join((program.FOLDER / f"{page}.md").read_text() for page in reversed(names))
@@ -63,7 +63,7 @@ def test_every_key_has_a_row_and_a_meaning(name, program):
 
 @pytest.mark.parametrize("name", sorted(KINDS))
 def test_examples_are_ones_that_the_reader_takes(name, program):
-    """Each is a line of TOML whose value a table of this kind of file takes for that key."""
+    """Each example is a line of TOML that a table of this kind of file accepts."""
     text = text_of(program, name).split("## Short forms")[0]
     models = tables(program, KINDS[name].schema)
     examples = re.findall(r"^\| `(\w+)` \|.* \| `(.+)` \|$", text, re.MULTILINE)
@@ -93,7 +93,7 @@ def test_units_come_from_the_key(program):
 
 
 def test_no_meaning_breaks_off(program):
-    """Brackets and quotes are closed, and the last word wants no other; verbs end in some prepositions."""
+    """Brackets are closed, and no text ends in an article, a conjunction or a comma."""
     for page in sorted(program.FOLDER.glob("*.md")):
         for line in page.read_text(encoding="utf-8").splitlines():
             cells = re.split(r"(?<!\\)\|", line)[1:-1]

@@ -1,4 +1,4 @@
-"""Links between pages lead somewhere, and the site's navigation leads to every page."""
+"""Links between pages resolve, and the site's navigation lists every page."""
 
 import importlib
 import re
@@ -22,7 +22,7 @@ def prose(path: Path) -> str:
 
 
 def anchors(path: Path) -> set[str]:
-    """The names that headings get, in the site as on the usual hosts of repositories."""
+    """Anchors of headings, on the site and on the usual repository hosts."""
     headings = re.findall(r"^#+ (.*)$", prose(path), re.MULTILINE)
     plain = (re.sub(r"[`*\[\]]|\(.*?\)", "", heading).strip().lower() for heading in headings)
     return {re.sub(r"\s+", "-", re.sub(r"[^\w\s-]", "", heading)) for heading in plain}
@@ -48,7 +48,7 @@ def test_relative_links_resolve(page):
 
 
 def test_the_site_links_to_nothing_outside_itself():
-    """What a page of docs/ links to must be part of the site."""
+    """Link targets of a page of docs/ must be part of the site."""
     for path in SITE:
         for link in relative_links(path):
             target = (path.parent / link.partition("#")[0]).resolve()
@@ -109,7 +109,7 @@ def test_pages_that_the_code_names_exist():
 
 @pytest.mark.parametrize("page", [*SITE, ROOT / "README.md", ROOT / "CONTRIBUTING.md"], ids=named)
 def test_files_of_the_repository_that_pages_name_exist(page):
-    """In `code`: a file or a folder. NAME, ROW and PART stand for what the reader chooses."""
+    """In `code`: a file or a folder. NAME, ROW and PART are placeholders."""
     places = re.findall(r"`((?:fieldmap|tests|scripts|geometry|maps)/[\w./]*)`", page.read_text())
     chosen = [
         place
@@ -121,7 +121,7 @@ def test_files_of_the_repository_that_pages_name_exist(page):
 
 @pytest.mark.parametrize("page", [*SITE, ROOT / "README.md", ROOT / "CONTRIBUTING.md"], ids=named)
 def test_names_of_the_package_that_pages_give_exist(page):
-    """In `code`: a module, or what it holds. NAME stands for what the reader chooses."""
+    """In `code`: a module, or a name in it. NAME is a placeholder."""
     for name in re.findall(r"`(fieldmap(?:\.\w+)+)`", page.read_text()):
         if name.endswith((".NAME", ".h")):
             continue
@@ -136,7 +136,7 @@ CITED = re.compile(r"docs/((?:theory/)?\w+\.md),?\s+(\(\d+\)(?:(?:,\s+|-|\s+and\
 
 
 def test_equations_that_docstrings_cite_exist():
-    """Page and number; that it is the right equation, only a reader can say."""
+    """Checks page and number; whether it is the right equation, only a reader can tell."""
     cited = {
         (page, number)
         for path in (ROOT / "fieldmap").rglob("*.py")
@@ -164,14 +164,14 @@ PACKAGES = [
 
 @pytest.fixture(scope="module")
 def reference():
-    """All that the pages of the reference list."""
+    """All names listed on the pages of the reference."""
     pages = (ROOT / "docs" / "api").glob("*.md")
     return {name for page in pages for name in re.findall(r"^::: ([\w.]+)$", page.read_text(), re.MULTILINE)}
 
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_every_function_and_class_of_a_package_is_in_the_reference(package, reference):
-    """Under the package, or under the module where it is defined, or with that module."""
+    """Under the package, under the module that defines the name, or as part of that module."""
 
     def home(value):
         return getattr(value, "__module__", "")

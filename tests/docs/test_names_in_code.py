@@ -1,5 +1,5 @@
-"""Code on the pages that is too slow to run: devices, recipes and scenarios that it names are there, and `generate` is
-given a device's words only with a device."""
+"""Names of devices, recipes and scenarios in page code that is too slow to run exist, and `generate` gets device
+options only with a device."""
 
 import ast
 import inspect
@@ -29,7 +29,7 @@ OF_A_DEVICE = KEYWORDS - {"changes"}
 
 
 def calls(text: str):
-    """(name of the function, call) in blocks and, where it is whole, in the lines of a page."""
+    """(name of the function, call) in the blocks of a page and in its inline code."""
     for code in FENCED.findall(text) + INLINE.findall(text):
         try:
             tree = ast.parse(code)
@@ -45,7 +45,7 @@ def calls(text: str):
 
 
 def fault(name: str, call: ast.Call) -> str:
-    """What is wrong with the name that a call is given; "" for nothing."""
+    """The problem with the name given to a call; "" if there is none."""
     given = call.args[0]
     if not (isinstance(given, ast.Constant) and isinstance(given.value, str)):
         return ""

@@ -1,4 +1,4 @@
-"""The bead of docs/own_controller.md, whose map takes minutes to make: its block runs on a small map made up for it."""
+"""The bead of docs/own_controller.md, whose map takes minutes: its block runs on a small made-up map."""
 
 from dataclasses import replace
 
@@ -16,9 +16,9 @@ COILS, GAIN, DEMAGNETISING, FIELD_PER_AMPERE = 8, 9.5, 0.1, 3e-3
 
 
 def made_up_map():
-    """The coils of eight_coils_bead with a core each that makes the coil's field up to 9.5 times over, and saturates.
+    """The coils of eight_coils_bead, each with a core whose field is up to 9.5 times the coil's, and which saturates.
 
-    One state of magnetisation a core: h = 3 mT/A i - 0.1 a in it, a = 0.1 tanh(29 h), in tesla.
+    One state of magnetisation per core: its field is h = 3 mT/A i - 0.1 a with a = 0.1 tanh(29 h), in tesla.
     """
     device = fm.read_device("eight_coils_bead")
     lower, upper, n = np.full(3, -0.01), np.full(3, 0.01), 6
@@ -38,7 +38,7 @@ def made_up_map():
     law[-1] = 0.0, 0.0, 1.0, b[-1]
     along = np.zeros((3 * COILS, COILS))
     along[3 * np.arange(COILS), np.arange(COILS)] = 1.0
-    # Weight of the iron's field per ampere where the iron is linear.
+    # Weight of the iron's field per ampere in the linear range.
     linear = DEMAGNETISING * 29.0 * FIELD_PER_AMPERE / (1.0 + 29.0 * DEMAGNETISING**2)
     model = ReducedModel(
         gradients=DEMAGNETISING * along,
@@ -83,13 +83,13 @@ def folder(written, monkeypatch):
 
 
 def the_block():
-    """The one of the page that opens the map."""
+    """The block of the page that opens the map."""
     (found,) = (code for code in blocks(PAGE) if "eight_coils_bead.h5" in code)
     return found
 
 
 def test_the_made_up_cores_saturate(folder):
-    """Against the equation of one core, solved anew: coil 1 alone, by its share of the field of air."""
+    """Against the equation of one core, solved separately: coil 1 alone, relative to its field in air."""
     m = fm.open_map("maps/out/eight_coils_bead.h5")
     device = fm.read_device("eight_coils_bead")
     one, point = np.eye(COILS)[0], np.zeros(3)
@@ -111,8 +111,8 @@ def test_the_made_up_cores_saturate(folder):
 
 
 def test_the_bead_follows_its_circle_on_saturating_iron(folder):
-    """The page's function, in Python and in numba: the same bits, every solve done, and where it should be. On iron
-    that is linear about the start the same run goes elsewhere."""
+    """The page's function in Python and in numba: equal bits, every solve converged, and the expected path. A run on
+    iron linearised about the start deviates."""
     names: dict[str, object] = {}
     exec(compile(the_block(), PAGE, "exec"), names)
     run, controller = names["run"], names["controller"]

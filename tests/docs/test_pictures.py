@@ -1,8 +1,8 @@
-"""No picture of the pages is stale: each has a record of what it shows, which is that of its command today.
+"""No picture of the pages is stale: the record of each equals the content that its command draws today.
 
-Pictures that pages draw themselves are held in test_examples.py, where the pages run. Figures of the thesis that need
-no map are drawn here. Of those that take minutes the inputs are held: a device, recipe or study that changes asks for
-a new picture. `pytest tests/docs --rewrite-pictures` draws what can be drawn, and takes the inputs of the others anew.
+test_examples.py checks the pictures that pages draw themselves. Figures of the thesis without a map are drawn here.
+For pictures that take minutes the inputs are compared: a changed device, recipe or study needs a new picture.
+`pytest tests/docs --rewrite-pictures` draws all quick pictures, and records the inputs of the slow ones anew.
 """
 
 import hashlib
@@ -20,7 +20,9 @@ from fieldmap.device import read_device
 from fieldmap.io.json_schema import FILE_KINDS
 from fieldmap.plot.device_drawing import device_scene
 from fieldmap.plot.figures import curves_figure, save_curves
+from fieldmap.plot.gather import shown_device
 from fieldmap.plot.rendering import can_render
+from fieldmap.plot.scenes import make_scene, save_scene
 from fieldmap.plot.style import DARK_PAPER, INK, dark_path, in_the_dark, scene_in_the_dark
 from fieldmap.thesis.printed import figure_numbers, read_part
 from tests.computed_parts import computed
@@ -30,12 +32,12 @@ from tests.docs.picture_record import differences, figure_record, scene_record
 
 needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 KINDS = {kind.name: kind for kind in FILE_KINDS}
-# Picture -> part and number of the figure; these need no map.
+# Picture -> part and number of the figure; none needs a map.
 FIGURES = {
     "figure_2_9_current_ratio.png": ("S5_current_ratio", "2-9"),
     "figure_4_7_formula.png": ("S9_constants", "4-7"),
 }
-# Picture -> command that draws it, and the files that decide what it shows, as KIND:NAME or part:NAME.
+# Picture -> command that draws it, and the files that determine its content, as KIND:NAME or part:NAME.
 LONG = {
     "app.png": (
         "fieldmap app maps/out/workspace.h5 --force-scale 2.1",
@@ -43,7 +45,7 @@ LONG = {
     ),
     "desk_levitator.png": ("fieldmap show desk_levitator", ("device:desk_levitator",)),
     "drive_unit.png": (
-        "python scripts/view.py drive_unit maps/out/workspace.h5 --amperes 1.5",
+        "python scripts/view.py drive_unit maps/out/workspace.h5 --amperes 1.5 --sensor-mm 10",
         ("device:drive_unit",),
     ),
     "figure_6_5.png": (
@@ -79,7 +81,7 @@ LONG = {
 
 
 def contents(name: str) -> str:
-    """Digest of a file's data: without comments and layout, its short forms written out."""
+    """Digest of a file's data, without comments and layout, and with its short forms expanded."""
     kind, _, file = name.partition(":")
     if kind == "part":
         part = read_part(file)
@@ -112,11 +114,26 @@ def test_what_the_others_show_has_not_changed_since(name, hold_picture):
 
 
 @needs_opengl
-@pytest.mark.parametrize(
-    "name", ["desk_levitator.png", "drive_unit.png", "five_coils.png", "floating_disc.png", "show.png"]
-)
-def test_the_device_is_drawn_as_in_the_pictures_of_it(name, hold_picture):
-    """Solids, windings, arrows of the currents and the workspace; the field upon them takes a map."""
+@pytest.mark.parametrize("name", ["desk_levitator.png", "five_coils.png", "floating_disc.png"])
+def test_pictures_of_devices_are_those_that_show_draws(name, hold_picture, rewriting, tmp_path, monkeypatch):
+    """Solids, windings, current arrows, and the workspace with the payload in it."""
+    scene = make_scene(shown_device(read_device(LONG[name][1][0].removeprefix("device:"))))
+    command = f"FIELDMAP_PICTURES=both {LONG[name][0]}"
+    light = dark = None
+    if rewriting:
+        monkeypatch.setenv("FIELDMAP_PICTURES", "both")
+        light = save_scene(scene, tmp_path / name)
+        dark = dark_path(light)
+    hold_picture(name, command, "scene", scene_record(scene), light)
+    with scene_in_the_dark(scene):
+        hold_picture(dark_path(name).name, command, "scene", scene_record(scene), dark)
+    scene.close()
+
+
+@needs_opengl
+@pytest.mark.parametrize("name", ["drive_unit.png", "show.png"])
+def test_the_device_is_drawn_as_in_the_pictures_of_its_field(name, hold_picture):
+    """Solids, windings, current arrows and the workspace; the field in the picture needs a map."""
     scene = device_scene(read_device(LONG[name][1][0].removeprefix("device:")))
     command = f"FIELDMAP_PICTURES=both {LONG[name][0]}"
     hold_picture(name, command, "scene", scene_record(scene))
@@ -126,7 +143,7 @@ def test_the_device_is_drawn_as_in_the_pictures_of_it(name, hold_picture):
 
 
 def test_every_picture_is_there_in_the_dark_as_well():
-    """Of the same size and on the dark paper, all four corners of it; the light one on white."""
+    """Both have the same size; the corners of the dark one have the dark background, of the light one white."""
     light = [path for path in sorted(IMAGES.glob("*.png")) if not path.stem.endswith("_dark")]
     assert len(light) > 12
     for path in light:
@@ -135,12 +152,12 @@ def test_every_picture_is_there_in_the_dark_as_well():
         for image, paper in ((one, "white"), (other, DARK_PAPER)):
             corners = image[[0, 0, -1, -1], [0, -1, 0, -1]]
             assert np.abs(corners - 255 * np.array(to_rgb(paper))).max() <= 1, path.name
-        # Nothing that is written or ruled in ink stays dark on dark.
+        # No ink remains dark on the dark background.
         assert np.mean(is_near(other, INK) & ~is_near(other, DARK_PAPER)) < 0.003, path.name
 
 
 def is_near(image, colour):
-    """Whether each pixel of an image of bytes is this colour, or one byte beside it."""
+    """Whether each pixel of an image of bytes is this colour, within 1."""
     apart = [
         channel.astype(np.int16) - round(255 * c) for channel, c in zip(image.T, to_rgb(colour), strict=True)
     ]
@@ -155,7 +172,7 @@ def test_every_picture_has_a_record_of_this_very_file():
 
 
 def test_every_picture_stands_on_a_page_beside_what_makes_it():
-    """The words that name its command, or the page itself, which draws it."""
+    """A page contains the words of its command, or is the page that draws it."""
     pages = {path: path.read_text() for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]}
     for name, entry in records().items():
         light = name.replace("_dark.png", ".png")
@@ -187,7 +204,7 @@ def test_a_changed_curve_is_seen():
 
 
 def test_pictures_of_pages_are_in_the_records():
-    """What test_examples.py holds: every figure that a page saves under the name of one of its pictures."""
+    """Every figure that a page saves under the name of one of its pictures, as test_examples.py checks."""
     for path in sorted((ROOT / "docs").rglob("*.md")):
         text = path.read_text()
         saved = set(re.findall(r"(?:savefig\(\"|--save )([\w]+\.png)", text))

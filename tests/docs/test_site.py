@@ -1,4 +1,4 @@
-"""The built site: titles, formulas and the index of the search without a browser; widths and the search in one."""
+"""The built site: titles, formulas and the search index without a browser; widths and the search in a browser."""
 
 import functools
 import html
@@ -20,14 +20,14 @@ ROOT = Path(__file__).parents[2]
 HERE = Path(__file__).parent
 NEEDED = ("mkdocs", "material", "mkdocstrings", "mkdocstrings_handlers.python")
 BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
-# Columns of code that fit into a page of 1400 px beside both lists of contents.
+# Columns of code that fit on a page of 1400 px between the two navigation lists.
 COLUMNS = 118
 TABS = ["Home", "User guide", "How-to", "Reference", "Theory", "Thesis"]
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory) -> Path:
-    """The site, built as `make docs` builds it."""
+    """Folder of the site, built as by `make docs`."""
     missing = [name for name in NEEDED if importlib.util.find_spec(name.split(".")[0]) is None]
     if missing:
         pytest.skip(f"the extra docs is not installed: {', '.join(missing)}")
@@ -40,13 +40,13 @@ def site(tmp_path_factory) -> Path:
 
 
 def pages(site: Path) -> dict[str, str]:
-    """Text of every page by its path in the site."""
+    """Text of every page, by its path in the site."""
     found = {str(path.relative_to(site)): path.read_text() for path in sorted(site.rglob("*.html"))}
     return {name: text for name, text in found.items() if name != "404.html" and "<article" in text}
 
 
 def article(text: str) -> str:
-    """What stands on a page, without the lists around it."""
+    """The content of a page, without navigation."""
     return text.split("<article", 1)[1].split("</article>", 1)[0]
 
 
@@ -55,7 +55,7 @@ def plain(text: str) -> str:
 
 
 def index(site: Path) -> dict[str, object]:
-    """The index of the search, as the script holds it that a page on disk reads."""
+    """The search index, from the script that pages opened from disk read."""
     script = (site / "search" / "search_index.js").read_text()
     found: dict[str, object] = json.loads(script.removeprefix("var __index = ").rstrip("; \n"))
     return found
@@ -81,7 +81,7 @@ def test_nothing_is_fetched_from_elsewhere(site):
 
 
 def test_pictures_have_their_dark_variant_beside_them(site):
-    """Of each picture that has one: both on the page, one for either scheme; the stylesheet shows one of them."""
+    """Pictures with a dark variant are both on the page, marked for their scheme; the stylesheet shows one of them."""
     pairs = 0
     for name, text in pages(site).items():
         shown = re.findall(r'<img[^>]* src="([^"]*images/[^"]+)"', article(text))
@@ -98,7 +98,7 @@ def test_pictures_have_their_dark_variant_beside_them(site):
 
 
 def test_every_formula_reaches_the_site(site):
-    """Each block of the pages is one that the script typesets; none is left as a listing."""
+    """Each math block of the pages is typeset by the script; none remains as a listing."""
     count = 0
     for source in sorted((ROOT / "docs").rglob("*.md")):
         blocks = len(re.findall(r"^```math$", source.read_text(), re.MULTILINE))
@@ -110,7 +110,7 @@ def test_every_formula_reaches_the_site(site):
 
 
 def test_no_listing_is_wider_than_a_page(site):
-    """Without a browser: columns of code. What a program prints wraps, and so do signatures."""
+    """Columns of code, without a browser. Program output and signatures wrap."""
     wide = []
     for name, text in pages(site).items():
         for language, code in re.findall(
@@ -126,7 +126,7 @@ def test_no_listing_is_wider_than_a_page(site):
 
 
 def test_no_table_is_wider_than_a_page(site):
-    """Without a browser: the longest words of a row, which cannot be broken, side by side."""
+    """The sum of the longest unbreakable words in each column, without a browser."""
     most = 135
     for name, text in pages(site).items():
         for table in re.findall(r"<table>(.*?)</table>", article(text), re.DOTALL):
@@ -156,7 +156,7 @@ def test_the_index_of_the_search_has_every_page(site):
 
 
 class Answers(http.server.SimpleHTTPRequestHandler):
-    """Serves a folder, and keeps what is sent to it."""
+    """Serves a folder, and stores the posted data."""
 
     def do_POST(self) -> None:
         server = self.server
@@ -172,7 +172,7 @@ class Answers(http.server.SimpleHTTPRequestHandler):
 
 @pytest.fixture
 def served(site):
-    """A server on this machine for the folder of the site."""
+    """A local server for the folder of the site."""
     handler = functools.partial(Answers, directory=str(site))
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         server.answered, server.answer = threading.Event(), ""  # type: ignore[attr-defined]
@@ -185,17 +185,17 @@ def served(site):
 
 @pytest.fixture
 def browse(served, tmp_path):
-    """browse(address, seconds): opens it in Chromium and returns what the page sends to the server."""
+    """browse(address, seconds): opens the address in Chromium and returns the data that the page posts."""
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
         pytest.skip("no Chromium on this machine (Debian: chromium-headless-shell)")
 
     def answer(address: str, seconds: float) -> str:
         options = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}"]
-        # The port keeps the browser open; nobody talks to it.
+        # The debugging port keeps the browser open; it is not used.
         command = [browser, *options, "--remote-debugging-port=0", "--window-size=1500,1000", address]
         quiet = subprocess.DEVNULL
-        # A group of its own: the command may be a script, whose end would leave the browser behind.
+        # A process group, because the command may be a script whose end would leave the browser running.
         with subprocess.Popen(command, stdout=quiet, stderr=quiet, start_new_session=True) as process:
             try:
                 assert served.answered.wait(seconds), f"no answer from {address}"
@@ -208,8 +208,8 @@ def browse(served, tmp_path):
 
 
 def test_pages_fit_into_1400_and_400_pixels(site, served, browse):
-    """At 1400 px no table, listing, formula or picture is wider than its place. At 400 px the page does not scroll
-    sideways; what is wider does so by itself. Formulas are typeset, and pictures are there."""
+    """At 1400 px no table, listing, formula or picture is wider than its column. At 400 px the page does not scroll
+    sideways; wider elements scroll by themselves. Formulas are typeset, and pictures are loaded."""
     names = list(pages(site))
     harness = (HERE / "measure_pages.html").read_text().replace("PAGES", json.dumps(names))
     (site / "measure.html").write_text(harness)
@@ -226,7 +226,7 @@ def test_pages_fit_into_1400_and_400_pixels(site, served, browse):
     assert [(r["page"], r["page_width"]) for r in results if r["page_width"] > r["width"] + 1] == []
     assert [(r["page"], r["wrong"], r["formulas"] - r["typeset"]) for r in results if r["wrong"]] == []
     assert [r["page"] for r in results if r["formulas"] != r["typeset"]] == []
-    # Numbers of more than three digits and per cents, which may end a line in their middle.
+    # Numbers of more than three digits and percentages, which a line must not break.
     assert [(r["page"], r["loose"]) for r in results if r["loose"]] == []
     assert [(r["page"], r["broken"]) for r in results if r["broken"]] == []
     assert sum(r["formulas"] for r in results) > 1000
@@ -241,7 +241,7 @@ def test_pages_fit_into_1400_and_400_pixels(site, served, browse):
     ],
 )
 def test_the_search_finds_pages_on_disk(site, served, browse, word, page):
-    """The site is opened as a file, as a reader does who unpacked it."""
+    """The site is opened as a file, as from an unpacked archive."""
     script = (HERE / "search_site.js").read_text()
     script = script.replace("WORD", word).replace("PLACE", f"http://127.0.0.1:{served.server_port}/")
     probe = site / "probe.html"

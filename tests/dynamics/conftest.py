@@ -1,4 +1,4 @@
-"""A field that every form of a map holds exactly: an axisymmetric harmonic polynomial, given on its axis."""
+"""A field that every form of a map represents exactly: an axisymmetric harmonic polynomial given on its axis."""
 
 from types import SimpleNamespace
 
@@ -50,7 +50,7 @@ def dipole(moment):
     return FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, moment]]))
 
 
-# A top of 20 g that a field carries, held by nothing but its spin: its moment stands against the field.
+# A top of 20 g carried by the field; its moment is opposite to the field, so only its spin stabilises it.
 TOP = {"mass": 0.02, "inertia": [1.2e-6, 1.2e-6, 2.25e-6]}
 
 
@@ -77,7 +77,7 @@ def axial():
 
 
 def _law():
-    """B(H) of iron that begins at mu_r 30 and saturates at 1 T, as a table with continuous second derivative."""
+    """B(H) of iron with mu_r = 30 at first and saturation at 1 T: a table with continuous second derivative."""
     knots = np.linspace(0.0, 3.0, 400)
     b = knots + np.tanh(29.0 * knots)
     coefficients = np.zeros((400, 4))
@@ -89,13 +89,13 @@ def _law():
 
 def saturating_map(kind="harmonic", free=False):
     """The map of `saturating_data`, opened."""
-    # Beside the division the model is asked too, by the test.
+    # Tests also evaluate the model at currents outside the division.
     return interpolate(saturating_data(free), kind=kind, outside_currents="evaluate")
 
 
 def saturating_data(free=False):
-    """Six coils and three fields of an iron that saturates, over the division with n = 1.25, or of currents within 3 A,
-    each by itself: a model made up."""
+    """Six coils and three fields of a made-up saturating iron, over the division with n = 1.25 or, if `free`, over
+    independent currents within 3 A."""
     rng = np.random.default_rng(11)
     fields = rng.uniform([0.001, -0.05, -0.5], [0.01, 0.05, 0.5], (9, 3))
     grid = Grid([-0.02] * 3, [0.01] * 3, (5, 5, 5))
@@ -105,7 +105,7 @@ def saturating_data(free=False):
     if free:
         limit = np.full(6, 3.0)
         domain = {"lower": -limit, "upper": limit, "parametrisation": IndependentCurrents(6)}
-    # Of free currents the iron's part is a third of the field, and saturates.
+    # With free currents the iron contributes a third of the field, and saturates.
     reach, part = (0.05, 10.0) if free else (0.01, 1.0)
     square = rng.normal(size=(modes, modes))
     offset, knots, coefficients = _law()

@@ -1,4 +1,4 @@
-"""Machines as loops advance them, for tests of what these take from a field."""
+"""Machines as closed loops advance them, for tests of single parts of a loop."""
 
 import numpy as np
 
@@ -10,9 +10,9 @@ ANY_BODY = RigidBody(0.01, [1e-6] * 3, MagneticBody(np.zeros((1, 3)), np.zeros((
 
 
 MASS, MOMENT, PERIOD, GAIN = 0.01, 0.8, 2e-3, 0.4
-# Of a coil: 2 A of it carry the body at the origin, and it is weaker where the body is deeper.
+# Slope and curvature of the coil's field: 2 A carry the body at the origin; the field falls with depth.
 SLOPE, CURVE = MASS * 9.80665 / MOMENT / 2.0, 1.2
-# A body that turns, without noise and steps, at rest in the middle of `vertical_step`.
+# Scenario changes: a body that turns freely, no noise, no quantisation, at rest in the middle of `vertical_step`.
 QUIET = {
     "body.turning": "free",
     "noise.off": True,
@@ -26,7 +26,7 @@ QUIET = {
 
 
 def one_coil(axial, drive=None, sensors=None, names=(), linkage=None, **body):
-    """A machine of that coil, whose sensors see a point 5 mm above the magnet; body: more of `RigidBody`."""
+    """A machine of that coil, whose sensors see a point 5 mm above the magnet; `body`: further keys of `RigidBody`."""
     of = {"magnet": axial.dipole(MOMENT), "seen_at": [0, 0, 5e-3], **body}
     carried = RigidBody(MASS, [6e-7, 6e-7, 2e-7], **of)
     field = superposed(axial.map((0.02, SLOPE, CURVE), kind="harmonic", linkage=linkage))
@@ -36,6 +36,6 @@ def one_coil(axial, drive=None, sensors=None, names=(), linkage=None, **body):
 
 
 def machine_in(of, coils, body=ANY_BODY):
-    """The core's machine of a body in a field of currents of so many coils."""
+    """The core's machine of a body in the field of the given number of coils, with direct currents."""
     direct = MatrixAllocation(np.eye(coils), np.zeros(coils))
     return Machine(of, body, CoilDrive(Amplifier(1.0), coils), Sensors(), direct).core(1.0)

@@ -1,4 +1,4 @@
-"""Batches of runs: which runs there are, what of them is kept and written, against runs made one by one."""
+"""Batches of runs: their number, the signals kept and the files written, against runs made one by one."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -30,7 +30,7 @@ def scenario(six_coils, tmp_path_factory):
 
 
 def slope_of_six(z):
-    """dBz/dz on the axis of six dipoles of 8 A m^2, all with 1 A, 26 mm above the origin and 44 mm aside."""
+    """dBz/dz on the axis of six dipoles of 8 A m^2 at 1 A, 26 mm above the origin and 44 mm from the axis."""
     h = 0.026 - z
     r2 = 0.044**2 + h**2
     return 6 * 8e-7 * 3 * h * (5 * h**2 - 3 * r2) / r2**3.5
@@ -44,7 +44,7 @@ def test_one_batch_for_each_value_as_if_run_alone(scenario):
         assert one.run is None
         alone = simulate(scenario, {"control.z.Kc": 0.4, "start.depth_mm": depth}, seed=3)
         assert one.metrics == alone.metrics
-        # The sensor reads a point 15 mm above the magnet's centre.
+        # The sensor sees a point 15 mm above the magnet's centre.
         payload = batch.experiment.device.payload
         needed = payload.mass * gravity / (payload.moment * slope_of_six(-0.077 - 1e-3 * depth - 0.015))
         np.testing.assert_allclose(batch.experiment.operating_point.currents, needed, rtol=1e-3)

@@ -1,4 +1,4 @@
-"""Every controller as a linear block, sample by sample against the controllers that the control room runs."""
+"""Every controller as a linear block, sample by sample against the controllers of fieldmap.control."""
 
 import inspect
 from dataclasses import fields
@@ -23,7 +23,7 @@ def outputs_of(block, signals, forward=None):
 
 
 def positions(samples=60):
-    """Signals (n, 7) about a depth of 10 mm that wander enough to reach the limits of what follows."""
+    """Signals (n, 7) about a depth of 10 mm, with excursions that reach the limits of the controllers."""
     places = 1e-3 * np.random.default_rng(3).normal(size=(samples, 6)).cumsum(axis=0)
     return np.column_stack([places - np.tile([0, 0, 0.087], 2), np.ones(samples)])
 
@@ -35,7 +35,7 @@ RULES = {"integration": "rectangular", "tracking_time": 0.02, "Tf": 0.003, "b": 
 @pytest.mark.parametrize("given", [{}, *({name: value} for name, value in RULES.items()), RULES])
 @pytest.mark.parametrize("axis", ["x", "z"])
 def test_a_pid_of_a_file_is_that_of_python(anti_windup, given, axis):
-    """To 1e-12, every key of a file among them; a controller of the depth acts on minus the error."""
+    """To 1e-12, with every key of a file; a controller of the depth acts on minus the error."""
     given = given | {"anti_windup": anti_windup}
     limits = {"lower": -1.0, "upper": 1.5}
     pid = PID(0.5, 0.05, 0.004, 2e-3, **limits, **given, acts_on_minus_error=axis == "z")

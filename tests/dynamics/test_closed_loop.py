@@ -1,4 +1,4 @@
-"""The closed loop against the linear loop of the control room, its parts against closed forms, and how runs end."""
+"""The closed loop against the linear loop of fieldmap.control, its parts against closed forms, and the end of runs."""
 
 from dataclasses import replace
 
@@ -102,7 +102,7 @@ def test_a_run_is_the_same_bit_for_bit(machine):
 
 
 def test_noise_has_the_deviations_and_directions_of_crossed_sensors(machine):
-    """45 degrees: x and y both get the root mean square of the two, thesis (7-1)."""
+    """At 45 degrees, x and y both have the root mean square of the two deviations, thesis (7-1)."""
     frame = SensorFrame(np.pi / 4, offset=0.026, radius=0.0059, bias=(1e-3, 5e-3))
     seeing = Sensors(frame, 0.0, (5.42e-6, 8.38e-6, 1.04e-5))
     noisy = run(replace(machine, sensors=seeing), seed=2, samples=4000)
@@ -114,7 +114,7 @@ def test_noise_has_the_deviations_and_directions_of_crossed_sensors(machine):
 
 
 def test_scans_come_late_and_averaged_as_the_micrometer_says(machine):
-    """Against `watch` on the motion as it came out: a slow swing along x."""
+    """Against `watch` on the simulated motion: a slow swing along x."""
     sensors = Sensors(zero_depth=0.0, scan_rate=1200.0, averages=2, latency=3)
     swing = state_of([0, 0, 0], [0.02, 0.0, 0.0])
     found = run(replace(machine, sensors=sensors), 0.0, start=swing, samples=200)
@@ -125,14 +125,14 @@ def test_scans_come_late_and_averaged_as_the_micrometer_says(machine):
 
 
 def test_averaging_takes_noise_by_the_root_of_the_scans(machine):
-    """Deviations measured with one scan, sensors that show the mean of 9, of 16, of 1."""
+    """Deviations measured with one scan; the sensors average 9, 16 and 1 scans."""
     seeing = Sensors(None, 0.0, (6e-6, 8e-6, 5e-6), scan_rate=5e4, averages=(9, 16, 1), measured_with=1)
     noisy = run(replace(machine, sensors=seeing), seed=3, samples=3000)
     np.testing.assert_allclose((noisy.seen - noisy.sensed).std(axis=0), [2e-6, 2e-6, 5e-6], rtol=0.06)
 
 
 def test_currents_follow_resistance_and_inductance_within_the_supply(machine):
-    """A step of the command of 0.8 A: 40 V raise it at (40 - R i) / L, as far as the amplifier asks."""
+    """A command step of 0.8 A: 40 V raise the current at (40 - R i) / L up to the commanded value."""
     R, L = 4.25, 29e-3
 
     def after_a_period(supply, **more):

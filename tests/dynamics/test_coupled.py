@@ -34,7 +34,7 @@ from tests.refusals import refused
 
 LOW, HIGH = np.array([0.0, -0.4, -0.3]), np.array([10.0, 0.4, 0.3])
 WEIGHTS = LqgWeights(sensor=(7e-6, 7e-6, 1e-5))
-# Without the block and what is not linear.
+# Without the block, noise and quantisation.
 PLAIN = {
     "drag.linear_N_s_per_m": [0.5] * 3,
     "reference.0.by_mm": 0.0,
@@ -50,7 +50,7 @@ def still(six):
 
 
 def test_the_inverse_map_gives_the_force_of_the_map(six, still):
-    """The map's own wrench at the currents found, and `currents_for`, which finds others for the same force."""
+    """Against the map's own wrench at the found currents, and `currents_for`, whose other currents give that force."""
     places = still.operating_point.sensed + np.array(
         [[1e-3, 2e-3, -3e-3], [-4e-3, 1e-3, 5e-3], [0.0, 0.0, 0.0]]
     )
@@ -81,13 +81,13 @@ def test_forces_beyond_the_limits_are_told_and_places_outside_refused(still):
 
 
 def test_the_regulator_is_that_of_lqrd_where_nothing_is_late(still):
-    """The gain on position and velocity: nearly the sampled optimum of the continuous cost, for a short period."""
+    """The gain on position and velocity: for a short period close to the sampled optimum of the continuous cost."""
     linear = linearise(still.machine, still.operating_point)
     period = 1e-4
     block = lqg_block(linear, WEIGHTS, period)
     cost = np.concatenate([1.0 / np.square(WEIGHTS.place), 1.0 / np.square(WEIGHTS.speed)])
     wanted = lqrd(linear.A, linear.B, np.diag(cost), np.diag(1.0 / np.square(WEIGHTS.output)), period)
-    # By what is said when the memory is the rest but for its states; the estimate is the memory less what is seen.
+    # Outputs against states, with the rest of the memory at zero; the estimate is the memory less the measured part.
     n = 6
     taken = block.D[:, 3:6]
     found = -(block.C[:, :n] + taken @ linear.C)
@@ -96,12 +96,12 @@ def test_the_regulator_is_that_of_lqrd_where_nothing_is_late(still):
 
 @pytest.mark.parametrize("late", [0.0, 0.5e-3, 2e-3])
 def test_the_loop_has_the_poles_of_regulator_and_estimator(still, late):
-    """Separation: with its own model's delay the closed loop is stable, and its rest is the reference."""
+    """Separation: with the delay in its model the closed loop is stable, and settles at the reference."""
     linear = linearise(still.machine, still.operating_point)
     block = lqg_block(linear, WEIGHTS, 2e-3, late)
     loop = close_loop(linear, block, Schedule(np.zeros((2, 3)), 2e-3, delay=late))
     assert loop.stable
-    # An unknown force is a state of the estimator, so the sensed point comes to its reference without offset.
+    # The estimator has the unknown force as a state, so the sensed point reaches its reference without offset.
     settled = loop.C @ np.linalg.solve(np.eye(len(loop.A)) - loop.A, loop.B)
     np.testing.assert_allclose(settled, np.eye(3), atol=1e-6)
     other = np.abs(scipy.linalg.eigvals(block.A)).max()
@@ -110,7 +110,7 @@ def test_the_loop_has_the_poles_of_regulator_and_estimator(still, late):
 
 @pytest.mark.parametrize("scans", [(5e5, 1, 3000), (1200.0, 4, 2), (900.0, (1, 3, 6), 0)])
 def test_an_estimator_knows_how_late_its_sensors_are(still, scans):
-    """Separation: whatever the sensors' lag, the poles of the regulator are poles of the loop."""
+    """Separation: at any lag of the sensors, the poles of the regulator are poles of the loop."""
     linear, period, late = linearise(still.machine, still.operating_point), 2e-3, 5e-4
     sensors = Sensors(scan_rate=scans[0], averages=scans[1], latency=scans[2])
     shown = shares_of_the_past(sensors, period)
@@ -127,7 +127,7 @@ def test_an_estimator_knows_how_late_its_sensors_are(still, scans):
     P = scipy.linalg.solve_discrete_are(A, B, np.diag(cost), R)
     own = scipy.linalg.eigvals(A - B @ np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A))
     assert max(np.abs(loop.poles - pole).min() for pole in own) < 1e-6
-    # A regulator that does not know of the lag has other poles.
+    # A regulator designed without the lag has other poles.
     plain = close_loop(
         linear,
         lqg_block(linear, WEIGHTS, period, late),
@@ -138,7 +138,7 @@ def test_an_estimator_knows_how_late_its_sensors_are(still, scans):
 
 
 def test_constant_forces_are_found_and_carried(still, six):
-    """A push of 2 mN along y: the estimator's unknown force becomes it, the body comes back."""
+    """For a push of 2 mN along y the estimated unknown force converges to the push, and the body returns."""
     linear = linearise(still.machine, still.operating_point)
     block = lqg_block(linear, WEIGHTS, 2e-3, 5e-4)
     wanted = np.tile(still.operating_point.sensed, (1500, 1))
@@ -150,7 +150,7 @@ def test_constant_forces_are_found_and_carried(still, six):
 
 
 def said_by(controller, signals, outputs):
-    """The last outputs, and the memory after them."""
+    """The last outputs of a controller, and its memory after them."""
     memory, out = controller.memory.copy(), np.zeros((len(signals), outputs))
     CoreController(controller.arrays).control(signals, None, memory, out)
     return out[-1], memory
@@ -158,7 +158,7 @@ def said_by(controller, signals, outputs):
 
 @pytest.mark.parametrize("matters", ["place", "speed", "output"])
 def test_each_weight_of_a_regulator_counts(still, matters):
-    """Where the others count a hundredth: the optimum of the sampled cost, by scipy, on states and last outputs."""
+    """Where the other weights count a hundredth: scipy's optimum of the sampled cost, on states and last outputs."""
     linear = linearise(still.machine, still.operating_point)
     given = {"place": (0.1e-3, 0.2e-3, 0.4e-3), "speed": (3e-3, 5e-3, 9e-3), "output": (2.0, 0.1, 0.3)}
     given = {name: tuple(np.multiply(v, 1.0 if name == matters else 5.0)) for name, v in given.items()}
@@ -171,7 +171,7 @@ def test_each_weight_of_a_regulator_counts(still, matters):
     Q, R = np.diag([*(period / np.array(cost)), 0, 0, 0]), np.diag(period / np.square(given["output"]))
     P = scipy.linalg.solve_discrete_are(A, B, Q, R)
     K = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
-    # As if the estimate were the memory less what is seen; the last outputs come after the unknown force.
+    # The estimate is the memory less the measured part; the last outputs follow the unknown force in the memory.
     found = -(block.C + block.D[:, 3:6] @ np.hstack([linear.C, np.zeros((3, 6))]))
     np.testing.assert_allclose(
         found[:, [0, 1, 2, 3, 4, 5, 9, 10, 11]], K, rtol=1e-6, atol=1e-9 * np.abs(K).max()
@@ -179,7 +179,7 @@ def test_each_weight_of_a_regulator_counts(still, matters):
 
 
 def test_each_noise_of_an_estimator_counts(still):
-    """The steady gain of Kalman's filter on states and unknown force, by scipy, of noises that are all unlike."""
+    """Kalman's steady gain on states and unknown force, by scipy, with a different noise for each."""
     linear = linearise(still.machine, still.operating_point)
     force, drift, sensor = (1e-5, 3e-5, 9e-5), (4e-4, 9e-4, 3e-3), (5e-6, 8e-6, 2e-5)
     period = 2e-3
@@ -187,7 +187,7 @@ def test_each_noise_of_an_estimator_counts(still):
     mass, n = still.machine.body.mass, 6
     pushed = np.zeros((n, 3))
     pushed[3:] = np.eye(3) / mass
-    # Van Loan: how a held force moves the states in a period.
+    # Van Loan: effect of a held force on the states over a period.
     held = scipy.linalg.expm(period * np.block([[linear.A, pushed], [np.zeros((3, 9))]]))
     noise = np.zeros((9, 9))
     noise[:n, :n] = pushed @ np.diag(np.square(force)) @ pushed.T
@@ -195,9 +195,9 @@ def test_each_noise_of_an_estimator_counts(still):
     C, R = np.hstack([linear.C, np.zeros((3, 3))]), np.diag(np.square(sensor))
     P = scipy.linalg.solve_discrete_are(held.T, C.T, period * noise, R)
     K = P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
-    # What the memory takes of what is seen: the prediction from the corrected estimate.
+    # The gain from measurements to the memory is the prediction from the corrected estimate.
     np.testing.assert_allclose(block.B[:9, 3:6], held @ K, rtol=1e-5, atol=1e-6 * np.abs(held @ K).max())
-    # Of sensors without a noise a micrometre is taken.
+    # Sensors without noise are taken as having 1 um.
     plain = (
         lqg_block(linear, LqgWeights(force=force, drift=drift, sensor=of), period)
         for of in (None, (1e-6,) * 3)
@@ -227,7 +227,7 @@ def test_between_designs_outputs_are_between(still):
 
 
 def test_the_block_at_a_height_is_between_its_neighbours(still):
-    """As `at` gives it: every matrix and the feed-forward, the nearest beyond the ends."""
+    """`at` interpolates every matrix and the feed-forward; beyond the ends it returns the last block."""
     blocks = [
         pid_block(PID(kc, ti, td, 2e-3), AxisReading("z", 1e3), output)
         for kc, ti, td, output in ((1.0, 0.4, 0.01, 1.0), (3.0, 0.2, 0.02, 2.0), (4.0, 0.1, 0.05, 4.0))
@@ -253,7 +253,7 @@ def test_the_block_at_a_height_is_between_its_neighbours(still):
 
 @pytest.mark.parametrize(("speed", "step"), [(0.049, False), (0.051, True)])
 def test_a_reference_faster_than_told_is_a_step_and_is_not_fed_forward(speed, step):
-    """x moves at a speed for 20 samples, between places at rest."""
+    """x moves at the given speed for 20 samples, and rests before and after."""
     path = np.zeros((60, 3))
     path[:, 0] = speed * 2e-3 * np.clip(np.arange(60) - 20.0, 0.0, 20.0)
     velocity, acceleration = _motion(path, 2e-3, 0.05, 3.0)
@@ -262,7 +262,7 @@ def test_a_reference_faster_than_told_is_a_step_and_is_not_fed_forward(speed, st
     if step:
         assert not np.abs(acceleration).max()
     else:
-        # Half of the speed in one sample is more than what is fed forward.
+        # Half of the speed in one sample exceeds the feed-forward.
         assert acceleration[[20, 40], 0].tolist() == [3.0, -3.0]
     slow, slowly = _motion(0.1 * path, 2e-3, 0.05, 3.0)
     assert slowly[[20, 40], 0] == pytest.approx([0.1 * speed / 2e-3, -0.1 * speed / 2e-3])
@@ -307,7 +307,7 @@ def test_feedforward_asks_for_what_newton_asks_for(still):
     np.testing.assert_allclose(path.forces[5:-5, 0], wanted[5:-5], atol=2e-3 * np.abs(wanted).max())
     assert path.left.max() < 1e-9
     added = feedforward(still.controller, schedule, path)
-    # A PID that sees no error says what it said at the start.
+    # A PID without error keeps its output of the start.
     np.testing.assert_allclose(added, path.outputs - still.operating_point.outputs, atol=1e-9)
 
 
@@ -325,7 +325,7 @@ def test_controllers_of_all_axes_hold_and_follow(six, name):
 
 
 def test_without_the_block_the_regulator_damps_what_the_pid_lets_sway(six):
-    """Over the heights that the map of six dipoles has; decay of a push from the side."""
+    """Decay of a push from the side, over the heights covered by the map of six dipoles."""
     changes = {
         "duration_s": 8.0,
         "start.depth_mm": 5.0,
@@ -346,7 +346,7 @@ def test_without_the_block_the_regulator_damps_what_the_pid_lets_sway(six):
 
 
 def test_linear_points_know_feedback_linearisation(six):
-    """Its loop about a rest, linear: the nonlinear one comes to it for small deviations."""
+    """The linear loop about a rest is the limit of the nonlinear loop for small deviations."""
     quiet = {"reference.0.radius_mm": 1e-9, "noise.off": True, "coils.output_bits": None}
     experiment = prepare(read_scenario("circle_linearised", quiet), six)
     (point,) = linear_points(experiment)

@@ -1,4 +1,4 @@
-"""Coils that the linkages of a map couple: closed forms, other integrators, energies, and solvers of the iron."""
+"""Coils coupled by the linkages of a map: closed forms, other integrators, energies, and solvers of the iron."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -47,7 +47,7 @@ TWO = (0.01, 0.08, -12.0), (0.02, -0.05, 3.0)
 
 
 class Bench:
-    """A machine whose coils are driven step by step, with what flowed, and its energies."""
+    """A machine whose coils are driven step by step, with its currents and energies."""
 
     def __init__(self, of, resistance, step, currents, state=None, body=ANY_BODY, **drive):
         n = len(resistance)
@@ -61,7 +61,7 @@ class Bench:
         self.core.load(self.state, self.load)
 
     def run(self, count, command):
-        """Currents (count, n) after each step at command(time in the middle of it)."""
+        """Currents (count, n) after each step; `command` is constant or a function of the time at mid-step."""
         found = []
         for k in range(count):
             asked = np.array(command((k + 0.5) * self.step) if callable(command) else command, float)
@@ -71,7 +71,7 @@ class Bench:
 
     @property
     def left(self):
-        """What the drives gave less what the windings turned into heat, J."""
+        """Energy from the drives less the heat of the windings, J."""
         return float(np.sum(self.core.coil_state.input - self.core.coil_state.heat))
 
 
@@ -80,7 +80,7 @@ def two_coils(axial, constant=(1e-3, -2e-3)):
 
 
 def test_a_step_of_one_and_of_two_coupled_coils(axial):
-    """L di/dt + R i = V: by the exponential of the matrix; of second order in the step."""
+    """L di/dt + R i = V by the matrix exponential; the error is of second order in the step."""
     volts, errors = np.array([12.0, -5.0]), []
     for step in (4e-4, 2e-4):
         found = Bench(two_coils(axial), R, step, [0, 0]).run(round(0.02 / step), volts)
@@ -103,7 +103,7 @@ def test_a_magnet_that_passes_a_loop_drives_a_current_in_it():
     coil = fm.CircularCoil("loop", 0.019, 0.021, 2e-3, turns, placement=fm.Placement([0, 0, 0.0]))
     thin = CoilSet([coil], (np.array([-2e-3, -2e-3, -0.031]), np.array([2e-3, 2e-3, -4e-3])))
     of = replace(superposed(sampled_field(thin, 1e-3)), linkage=StoredLinkage([[inductance]], [0.0]))
-    # Nothing holds up a body of a tonne.
+    # A body of a tonne, without gravity, hardly changes its speed.
     body = RigidBody(1e3, [1e3] * 3, MagneticBody.dipole([0, 0, moment]), gravity=0.0)
     begin = state_of([0, 0, -0.03], velocity=[0, 0, speed])
     bench = Bench(of, [ohms], 1e-5, [0.0], begin, body)
@@ -117,15 +117,15 @@ def test_a_magnet_that_passes_a_loop_drives_a_current_in_it():
 
     times = 1e-5 * np.arange(1, 1201)
     wanted = solve_ivp(rate, (0, times[-1]), [0.0], t_eval=times, rtol=1e-9, atol=1e-12).y[0]
-    # The coil is 2 mm wide and high: its field is that of the loop to (width / radius)^2 / 24.
+    # The coil is 2 mm wide and high: its field equals the loop's to (width / radius)^2 / 24.
     assert np.abs(found - wanted).max() < 2e-3 * np.abs(wanted).max()
-    # What it braked became heat and field energy.
+    # The kinetic energy lost became heat and field energy.
     lost = 0.5 * 1e3 * (speed**2 - bench.state[5] ** 2)
     assert lost == pytest.approx(-bench.left + 0.5 * inductance * found[-1] ** 2, rel=1e-6)
 
 
 def swing(axial, step, time, constant=(1e-3, -2e-3), turning=False):
-    """The largest miss of the balance in a run, and the energy put in, J; and the last state."""
+    """The largest error of the energy balance in a run, the energy put in, J, and the last state."""
     body = RigidBody(MASS, [6e-7, 6e-7, 2e-7], axial.dipole(MOMENT), upright=not turning)
     held = np.array([WEIGHT / MOMENT / TWO[0][1], 0.0])
     lean = [np.cos(0.02), np.sin(0.02), 0.0, 0.0] if turning else None
@@ -142,14 +142,14 @@ def swing(axial, step, time, constant=(1e-3, -2e-3), turning=False):
         bench.run(1, R * held + np.array([0.3, 0.5]) * np.sin(40.0 * (k + 0.5) * step))
         worst = max(worst, abs(bench.left - (energy() - first)))
         if not turning:
-            # A guide on the axis: rounding alone would leave it.
+            # Keeps the body on the axis, which it would leave by rounding alone.
             bench.state[[0, 1, 3, 4]] = 0.0
     return worst, float(bench.core.coil_state.input.sum()), bench.state
 
 
 @pytest.mark.parametrize("turning", [False, True])
 def test_energy_put_in_is_heat_field_and_work(axial, turning):
-    """With a magnet that swings, of second order in the step."""
+    """With a swinging magnet; the error of the balance is of second order in the step."""
     time = 0.1 if turning else 1.0
     (coarse, _, _), (fine, given, _) = (swing(axial, step, time, turning=turning) for step in (4e-4, 2e-4))
     assert fine < 1e-8 * given
@@ -164,7 +164,7 @@ def test_energy_put_in_over_ten_seconds(axial):
 
 
 def test_a_magnet_swings_as_an_integrator_of_all_states_has_it(axial):
-    """Currents and path against scipy's, with force and voltage from the polynomial of the field."""
+    """Currents and path against scipy's integration with force and voltage from the polynomial of the field."""
     body = RigidBody(MASS, [6e-7, 6e-7, 2e-7], axial.dipole(MOMENT), upright=True)
     held = np.array([WEIGHT / MOMENT / TWO[0][1], 0.0])
     slopes, curves = np.array(TWO)[:, 1], np.array(TWO)[:, 2]
@@ -186,7 +186,7 @@ def test_a_magnet_swings_as_an_integrator_of_all_states_has_it(axial):
 
 
 def test_moments_of_soft_iron_follow_the_currents(axial):
-    """A ball of soft iron adds its moments' linkages to the inductance: m = c B gives L + c b b^T; at rest, exactly."""
+    """The moments m = c B of a ball of soft iron change the inductance to L + c b b^T; exact at rest."""
     piece = soft_rule(fm.SoftSphere(4e-3, mu_r=1000.0))[0]
     body = RigidBody(
         1.0, [1.0] * 3, MagneticBody(np.zeros((0, 3)), np.zeros((0, 3)), soft=(piece,)), gravity=0.0
@@ -196,7 +196,7 @@ def test_moments_of_soft_iron_follow_the_currents(axial):
     )
     found = Bench(strong, R, 1e-6, [0, 0], body=body).run(20, [1.0, 0.3])
     unit = np.array([0.5, 0.2])
-    # Of a ball of 4 mm: 3 V (mu_r - 1) / (mu_r + 2) / mu0.
+    # For a ball of 4 mm: 3 V (mu_r - 1) / (mu_r + 2) / mu0.
     volume = 4 / 3 * np.pi * 2e-3**3
     whole = L * 1e-3 + 3 * volume * 999 / 1002 / mu_0 * np.outer(unit, unit)
     rates, steady = np.linalg.solve(whole, np.diag(R)), np.array([1.0, 0.3]) / R
@@ -226,15 +226,15 @@ def test_coils_of_saturating_iron_follow_the_maps_linkages(saturating):
     wanted = solve_ivp(rates, (0, times[-1]), np.zeros(6), t_eval=times, rtol=1e-7, atol=1e-9).y.T
     softer = saturating.inductance(wanted[-1])[1, 1] / saturating.inductance(0.0)[1, 1]
     assert softer < 0.7
-    # Coils that only mutual inductance drives, too.
+    # Also coils driven by mutual inductance alone.
     assert np.abs(wanted[:, 2]).max() > 0.1
     assert np.abs(found - wanted).max() < 1e-4 * np.abs(wanted).max()
 
 
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-6])
 def test_iron_is_solved_only_as_often_as_its_tolerance_asks(saturating, tolerance):
-    """By the tangent in between, which leaves twice the tolerance at most: currents against an ODE in scipy with the
-    map's inductances, forces against the map's at the same currents; at rest iron is not solved."""
+    """Between solves the tangent is used, with at most twice the tolerance: currents against an ODE in scipy with the
+    map's inductances, forces against the map's at the same currents; at rest the iron is not solved."""
     ohms, at, moment = np.full(6, 0.5), np.array([0.4, -0.3, 0.5, 0.2, -0.4, 0.1]), np.array([0.0, 0.3, 0.8])
     body = RigidBody(1e30, [1e30] * 3, MagneticBody.dipole(moment), gravity=0.0)
     largest = saturating.info.reduced_model.domain.upper.max()
@@ -263,7 +263,7 @@ def test_iron_is_solved_only_as_often_as_its_tolerance_asks(saturating, toleranc
 
 
 def test_magnets_fly_through_cells_of_the_map_while_the_tangent_holds(saturating):
-    """Linkages and forces of two magnets are the map's in every cell, though the iron is hardly ever solved."""
+    """Linkages and forces of two magnets equal the map's in every cell, with few solves of the iron."""
     ohms, at = np.full(6, 0.5), np.array([0.4, -0.3, 0.5, 0.2, -0.4, 0.1])
     points = np.array([[0.0, 0.0, 0.004], [0.002, 0.0, -0.004]])
     magnets = MagneticBody(points, 1e5 * np.array([[0.0, 0.3, 0.8], [0.2, 0.0, -0.5]]))
@@ -286,8 +286,8 @@ def test_magnets_fly_through_cells_of_the_map_while_the_tangent_holds(saturating
 
 @pytest.mark.parametrize("seed", range(3))
 def test_steps_into_and_out_of_saturation_do_not_run_away(saturating, seed):
-    """Voltages jump at every step, and inductances change some hundredfold. Linkages of the map at the currents miss
-    those of the voltages by a part of a step, and currents at last are V / R."""
+    """Voltages jump at every step, and inductances change a hundredfold. The map's linkages at the currents differ from
+    the integrated ones by a part of a step, and the currents settle at V / R."""
     ohms, drawn = np.full(6, 0.5), np.random.default_rng(seed)
     assert np.linalg.norm(saturating.inductance(0.0)) > 100.0 * np.linalg.norm(saturating.inductance(3.0))
     step = 0.02 * np.abs(saturating.inductance(0.0)).max() / 0.5
@@ -301,7 +301,7 @@ def test_steps_into_and_out_of_saturation_do_not_run_away(saturating, seed):
 
 
 def test_a_magnet_that_passes_saturating_iron_drives_currents(saturating):
-    """Against scipy with the map's linkages, whose payload's share goes through the iron, too."""
+    """Against scipy with the map's linkages, including the payload's part through the iron."""
     ohms, speed, moment, at = np.full(6, 0.5), 2.0, np.array([0.0, 3e5, 1e6]), np.full(6, 0.2)
     body = RigidBody(1e12, [1e12] * 3, MagneticBody.dipole(moment), gravity=0.0)
     begin = state_of([0, 0, -0.01], velocity=[0, 0, speed])
@@ -363,7 +363,7 @@ def test_a_current_controller_answers_with_its_bandwidth(axial):
     given = CurrentController(proportional=200 * np.pi * 0.05, integral=200 * np.pi * 4.0)
     again = Bench(one_coil(axial), [4.0], 1e-5, [0.5], **drive | {"controller": given}).run(500, [1.5])[:, 0]
     assert again == pytest.approx(found, rel=1e-12)
-    # Of an inductance that is stated, not that of the map.
+    # With a stated inductance in place of the map's.
     other = Bench(one_coil(axial, 0.1), [4.0], 1e-5, [0.5], **drive, inductance=0.05).run(500, [1.5])[:, 0]
     slow = solve_ivp(
         lambda _, s: (
@@ -379,7 +379,7 @@ def test_a_current_controller_answers_with_its_bandwidth(axial):
 
 
 def test_a_supply_limits_a_current_controller_which_does_not_wind_up(axial):
-    """At the supply the current rises as at a source of voltage; then the error falls with the bandwidth."""
+    """At the limit the current rises as with a constant voltage; then the error falls with the bandwidth."""
     drive = {"mode": "current_controller", "controller": CurrentController(bandwidth=200.0)}
     bench = Bench(one_coil(axial), [4.0], 1e-5, [0.0], **drive, supply=(-12.0, 12.0))
     found = bench.run(400, [2.0])[:, 0]
@@ -397,8 +397,8 @@ def test_a_supply_limits_a_current_controller_which_does_not_wind_up(axial):
 
 
 def test_stiff_controllers_of_strongly_coupled_coils_stay_within_the_supply(axial):
-    """Each voltage is what keeps the currents of the start, and P (asked - mean current), within the supply: the only
-    voltages for which Faraday's law holds too."""
+    """Each voltage is R i of the start plus P (asked - mean current), limited to the supply; no other voltages satisfy
+    Faraday's law too."""
     row = np.array([2.9, -0.95, -0.35, -0.2, -0.35, -0.95])
     inductance = np.array([np.roll(row, k) for k in range(6)])
     of = replace(superposed(axial.map(*[TWO[0]] * 6)), linkage=StoredLinkage(inductance, np.zeros(6)))
@@ -419,7 +419,7 @@ def test_stiff_controllers_of_strongly_coupled_coils_stay_within_the_supply(axia
 
 
 def test_limits_of_a_source_of_voltage(axial):
-    """Supply, current and slope; the current leaves its limit as soon as the voltage asks it to."""
+    """Supply, current and slope; the current leaves its limit as soon as the voltage reverses."""
     limited = Amplifier(1.0, current_lower=-1.0, current_upper=1.2)
     bench = Bench(one_coil(axial), [4.0], 1e-5, [0.0], amplifier=limited, supply=(-10.0, 10.0))
     rising = bench.run(2000, [100.0])[:, 0]
@@ -440,7 +440,7 @@ def test_limits_of_a_source_of_voltage(axial):
 
 
 def test_two_coils_at_limits_of_their_own(axial):
-    """One at its limit of current, one free: the free one feels the voltage, not the inductance of the other."""
+    """One coil at its current limit, one free: the free one has its own inductance alone."""
     limited = Amplifier(1.0, current_lower=-1e3, current_upper=1.0)
     found = Bench(two_coils(axial), R, 1e-5, [1.0, 0.0], amplifier=limited).run(500, [10.0, -6.0])
     times = 1e-5 * np.arange(1, 501)
@@ -449,7 +449,7 @@ def test_two_coils_at_limits_of_their_own(axial):
 
 
 def test_a_bridge_gives_its_duty_less_what_it_loses(axial):
-    """2 t f U and the drop, against the current; near zero in proportion to it."""
+    """The loss 2 t f U plus the drop opposes the current; near zero it is proportional to the current."""
     bridge = Bridge(20e3, dead_time=1e-6, drop=1.1, ripple=0.01)
     drive = {"mode": "bridge", "bridge": bridge, "supply": (-12.0, 12.0)}
     loss = 2 * 1e-6 * 20e3 * 12 + 1.1
@@ -457,7 +457,7 @@ def test_a_bridge_gives_its_duty_less_what_it_loses(axial):
         bench = Bench(one_coil(axial), [4.0], 1e-4, [0.0], **drive)
         found = bench.run(3000, [0.6 * 12 * sign])[-1]
         assert found == pytest.approx([sign * (0.6 * 12 - loss) / 4.0], rel=1e-6)
-    # What a duty of 5 % gives is below the loss: next to no current.
+    # The voltage of a duty of 5 % is below the loss, so almost no current flows.
     bench = Bench(one_coil(axial), [4.0], 1e-4, [0.3], **drive)
     assert bench.run(5000, [0.6])[-1] == pytest.approx([0.6 / (4.0 + loss / 0.01)], rel=1e-6)
     # The amplifier's gain is duty per volt: 0.5 of 12 V at 5 V.
@@ -467,8 +467,8 @@ def test_a_bridge_gives_its_duty_less_what_it_loses(axial):
 
 
 def test_windings_warm_up(axial):
-    """At constant voltage: the heat against an ODE of temperature and current in scipy; and in closed form without the
-    resistance's change."""
+    """At constant voltage: heat against an ODE of temperature and current in scipy, and in closed form with constant
+    resistance."""
     heating = Heating(5.0, 0.2, ambient=30.0)
     bench = Bench(one_coil(axial, 1e-3), [4.0], 1e-3, [2.0], heating=heating)
     bench.run(2000, [8.0])
@@ -488,7 +488,7 @@ def test_windings_warm_up(axial):
 @pytest.mark.parametrize("coefficient", [0.0, 3.93e-3])
 @pytest.mark.parametrize("given", [{"current": 3.0}, {"voltage": 9.0}])
 def test_the_time_until_a_winding_is_too_hot(coefficient, given):
-    """Where an ODE of scipy comes to the limit, far below the temperature at last and just below it; beyond, never."""
+    """The time at which scipy's ODE reaches a limit, far below the final temperature and just below; never above."""
     of = Heating(5.0, 0.2, coefficient, reference=25.0, ambient=30.0)
 
     def rate(_, s):
@@ -509,8 +509,8 @@ def test_the_time_until_a_winding_is_too_hot(coefficient, given):
 
 
 def test_coils_of_iron_that_remembers_take_the_heat_of_hysteresis():
-    """Energy put in = heat of the windings and of hysteresis + field energy, by energies of the cells in numpy; steps
-    whose currents turn back twice."""
+    """Energy put in = heat of windings and hysteresis + field energy, from the energies of the cells in numpy; in
+    steps that reverse their currents twice."""
     model = replace(MODEL, pinning=PINNING[None], shares=SHARES)
     m = interpolate(replace(DATA, reduced_model=model, linkage=AIR), outside_currents="evaluate")
     begin, ohms, misses = m.last_currents, np.full(6, 2.0), []
@@ -553,7 +553,7 @@ SWITCHED = {
 
 
 def test_scenarios_name_drives(desk):
-    """A fast controller holds as an ideal source does; each row of a run has voltages, which obey V = R i at rest."""
+    """A fast controller holds like an ideal source; each row of a run has voltages, and V = R i at rest."""
     ideal = fm.simulate("hold", {"duration_s": 0.6, "noise.off": True}, field_map=desk)
     run = fm.simulate("hold", FAST | {"noise.off": True}, field_map=desk)
     assert run.event is None
@@ -573,11 +573,11 @@ def test_a_scenario_of_a_bridge_with_windings_that_warm_up(desk, tmp_path):
     assert drive.bridge == Bridge(20e3, 0.5e-6, 0.7, 4e-3)
     assert drive.heating == Heating(5.0, 0.01, limit=22.5)
     assert drive.slope == 1e5
-    # 1 V is worth 0.4 A at last, as the device's amplifier has it; of 24 V and 6 ohm that is a tenth of the duty.
+    # 1 V gives 0.4 A at rest, like the device's amplifier; with 24 V and 6 ohm that is a duty of a tenth.
     assert drive.steady_response[0] == pytest.approx([0.4])
     assert drive.amplifier.gain == pytest.approx(0.1)
     run = experiment.run(0)
-    # From 20 degC towards 20 + 5 P within 50 ms: the first recorded row above the limit is the time that is told.
+    # From 20 degC towards 20 + 5 P within 50 ms: `too_hot` is the time of the first recorded row above the limit.
     hot = run.temperatures[:, 0] > 22.5
     assert run.windings.too_hot == pytest.approx([run.time[np.argmax(hot)]])
     assert 0.0 < run.windings.too_hot[0] < 0.19
@@ -608,7 +608,7 @@ BY_KEYS = {
 
 @pytest.mark.parametrize("mode", NAMED)
 def test_a_scenario_that_says_nothing_takes_the_drive_of_the_device(desk, tmp_path, mode):
-    """From the device's file, read again; the numbers of a run are those of a scenario that names the drive."""
+    """The drive read back from the device's file gives the same run as a scenario that names the drive."""
     (tmp_path / "own.toml").write_text(PLAIN.replace(driver=replace(PLAIN.driver, **NAMED[mode])).to_toml())
     device = fm.read_device(tmp_path / "own.toml")
     runs = [
@@ -627,7 +627,7 @@ def test_a_scenario_that_says_nothing_takes_the_drive_of_the_device(desk, tmp_pa
 
 @pytest.mark.parametrize("mode", NAMED)
 def test_a_run_at_rest_stays_there_until_its_first_command(desk, mode):
-    """A whole period passes before it. A voltage holds the current, and the loss of a bridge."""
+    """The first command acts after a period; until then the voltage holds the current, at a bridge with its loss."""
     device = PLAIN.replace(driver=replace(PLAIN.driver, **NAMED[mode] | {"heating": None, "slope": 100.0}))
     quiet = {"duration_s": 0.02, "noise.off": True, "control.delay_ms": 2.0, "control.step_ms": 0.1}
     run = fm.simulate("hold", quiet, field_map=desk, device=device)
@@ -664,7 +664,7 @@ def test_a_scenario_replaces_single_keys_of_the_device(desk):
     ],
 )
 def test_a_device_file_lacks_what_its_drive_needs(desk, tmp_path, text, where):
-    """The voltage source the resistance of a coil, a bridge its supply; each at the line of its key."""
+    """A voltage source needs the coil's resistance, a bridge its supply; each message names the line of the key."""
     written = PLAIN.replace(driver=fm.Driver(0.4, 2.0)).to_toml()
     if "voltage" in text:
         written = written.replace("resistance_ohm = 6.0\n", "")

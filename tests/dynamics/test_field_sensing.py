@@ -1,6 +1,6 @@
-"""Field sensors in the closed loop: the desk levitator, with its Hall element and one more beside the magnet.
+"""Field sensors in the closed loop: the desk levitator, with its Hall element and a second one near the magnet.
 
-Readings are compared with those of Python, which tests/lookup compares with closed forms and the full solver.
+Readings are compared with Python's, which tests/lookup compares with closed forms and the full solver.
 """
 
 from dataclasses import replace
@@ -66,13 +66,13 @@ def body_of(field):
 
 
 def true_readings(field, run):
-    """Readings (r, 2) at the rows of a run, of the body that it moves."""
+    """Readings (r, 2) at the rows of a run, for the body at its simulated poses."""
     return field.readings(run.position, body_of(field), run.currents, turn_of(run.quaternion))
 
 
 @pytest.mark.parametrize("late", [0, 1, 3])
 def test_what_is_shown_are_the_readings_so_many_samples_ago(field, late):
-    """With the currents of that moment, in a field of any currents, at any pose; then the height by the curve."""
+    """At the currents of the same sample, for any currents and poses; the height by the calibration curve."""
     changes = {**IDEAL, **HALL, "field_sensors.latency_samples": late, "start.lean_deg": 5.0}
     rig = open_machine("desk_hall", changes, field_map=field, gives="currents")
     body, true, currents = rig.machine.body.magnet, [], []
@@ -91,7 +91,7 @@ def test_what_is_shown_are_the_readings_so_many_samples_ago(field, late):
 
 
 def holding(curve, kept):
-    """A PD on the height by the curve, which keeps what it is given."""
+    """A PD controller of the height by the curve, which appends its measurements to `kept`."""
     pid = RunningPID(PID(320.0, np.inf, 0.0192, TS, Tf=0.00192, acts_on_minus_error=False))
 
     def control(time, measured, reference, state):
@@ -170,7 +170,7 @@ def test_numba_and_python_get_the_same_numbers(field):
 
 
 def test_the_levitator_holds_with_noise_delay_and_quantisation(field):
-    """Noise of the height: of element, converter, its steps and the currents, over the slope of the curve."""
+    """Height noise: element, converter, quantisation and currents, divided by the slope of the curve."""
     changes = {**HALL, **SHORT, "duration_s": 2.0, "start.shift_mm": [0, 0, 0.3], "start.lean_deg": 0.0}
     run = simulate("desk_hall", {**changes, "field_sensors.latency_samples": 0}, field_map=field)
     assert run.event is None
@@ -189,7 +189,7 @@ def test_the_levitator_holds_with_noise_delay_and_quantisation(field):
 
 
 def test_it_holds_for_a_minute(field):
-    """From a shift along x, too, whose sway no coil damps, and 1 mm higher in the second half."""
+    """From a shift along x, whose sway no coil damps, and 1 mm higher in the second half."""
     run = simulate("desk_hall", HALL, field_map=field)
     assert run.event is None
     assert run.time[-1] > 59.9
@@ -201,17 +201,17 @@ def test_it_holds_for_a_minute(field):
 
 
 def test_beyond_the_range_of_the_element_the_magnet_is_lost(field):
-    """The coil's share, taken off a reading that has stopped rising, leaves too little: the magnet seems to fall."""
+    """Beyond the range the reading is constant; less the coil's share it is too small, as if the magnet fell."""
     far = {**HALL, **SHORT, **IDEAL_SOURCE, "start.shift_mm": [0, 0, 1.0]}
     assert simulate("desk_hall", far, field_map=field).event is not None
     without = {**far, "field_sensors.range_mT": None, "field_sensors.input_range_V": 10.0}
     assert simulate("desk_hall", without, field_map=field).event is None
-    # A bridge of 12 V is slower than the magnet's way back.
+    # The bridge of 12 V is slow, and the magnet returns into the range first.
     assert simulate("desk_hall", far | {"coils.drive": "bridge"}, field_map=field).event is None
 
 
 def test_latency_takes_its_share_of_the_phase(field):
-    """360 degrees times the crossover and the latency."""
+    """The phase lost is 360 degrees times crossover times latency."""
     found = {}
     for late in (0, 1, 3):
         experiment = prepare(
@@ -245,7 +245,7 @@ def test_a_curve_finds_the_height_at_any_current(field, magnet, curve):
 
 
 def test_a_curve_of_more_points_is_better_by_the_fourth_power(field, magnet):
-    """Within a cell of the map, between whose polynomials there are steps."""
+    """Within one cell of the map, because its polynomials jump from cell to cell."""
     low, high = field.info.grid.lower[2] + 0.003 * np.array([6.05, 6.95])
     body = MagneticBody.dipole([0, 0, 1.08])
     errors = [calibrate(field, body, "hall", heights=(low, high), nodes=n).error for n in (3, 5, 9)]
@@ -271,7 +271,7 @@ def test_a_calibration_of_the_field_scales_the_share_of_the_currents(field, magn
 
 
 def test_a_tilted_magnet_reads_as_if_it_were_lower(field, magnet, curve):
-    """cos of the tilt of the moment: 2 % at 0.2 rad."""
+    """By the cosine of the tilt: 2 % at 0.2 rad."""
     turn = Rotation.from_rotvec([0.2, 0.0, 0.0]).as_matrix()
     read = field.readings([0, 0, -0.025], magnet, 0.0, turn)[0]
     assert -4e-4 < curve.height(read, 0.0) + 0.025 < -1e-4
@@ -319,8 +319,8 @@ def test_a_map_without_sensors_is_refused(tmp_path):
 
 
 def test_a_bridge_that_switches_moves_the_magnet_as_its_mean_does(field):
-    """The voltages of a PWM of 20 kHz with its dead times, drop and ripple, in steps of 1 us whose edges lie where they
-    are, under the same PID with the same delays."""
+    """A PWM of 20 kHz with dead times, drop and ripple, in steps of 1 us with exact edges, under the same PID with the
+    same delays."""
     numba = pytest.importorskip("numba")
     device = fm.read_device("desk_levitator")
     bridge, step, slots, volts = device.driver.bridge, 1e-6, 50, 12.0
@@ -333,7 +333,7 @@ def test_a_bridge_that_switches_moves_the_magnet_as_its_mean_does(field):
     A, B, C, D, E = (getattr(block, name).copy() for name in "ABCDE")
 
     def switched(time, measured, reference, state):
-        """state: memory of the controller; height at the sample before; outputs of this period and of the next."""
+        """state: the controller's memory; the last height; the outputs of this period and of the next."""
         tick = round(time / step)
         if tick % 500 == 0:
             late = measured[2] if tick == 0 else state[n]
@@ -365,7 +365,7 @@ def test_a_bridge_that_switches_moves_the_magnet_as_its_mean_does(field):
         "coils.drive": "voltage",
     }
     fast["field_sensors.latency_samples"] = 0
-    # The drop adds to what the supply gives.
+    # The supply has 13 V because voltage and drop add up.
     wider = device.replace(driver=replace(device.driver, current_limit=2.5, supply_voltage=13.0))
     own = FunctionController(numba.njit(switched), [*begin, 0.0, lift, lift], gives="voltages")
     run = simulate("desk_hall", quiet | fast, field_map=field, device=wider, controller=own)

@@ -1,4 +1,4 @@
-"""Scenarios on fields that are no maps: a solved device runs as its map does."""
+"""Scenarios on fields other than maps: a solved device runs as its map does."""
 
 from dataclasses import replace
 
@@ -46,7 +46,7 @@ SETTINGS = {
 def test_a_solved_device_runs_as_its_map_of_the_same_spacing(tmp_path):
     device = fm.read_device(DEVICE)
     solution = fm.solve_linear(device)
-    # A solution knows no reaction of its iron to magnets.
+    # A solution has no reaction of the iron to magnets.
     (tmp_path / "recipe.toml").write_text(RECIPE + "reaction = false\n")
     fm.generate(tmp_path / "recipe.toml", tmp_path / "map.h5", accept_error=True)
     on_map = simulate("hold", SETTINGS | {"map": str(tmp_path / "map.h5")})
@@ -54,13 +54,13 @@ def test_a_solved_device_runs_as_its_map_of_the_same_spacing(tmp_path):
     assert on_map.event is None
     assert np.ptp(on_map.sensed[:, 2]) > 1e-5
     np.testing.assert_allclose(on_solution.rows, on_map.rows, rtol=1e-9, atol=1e-12)
-    # Without a map in between: sampled every 5 mm unless asked otherwise.
+    # Without a map: the solution is sampled every 5 mm by default.
     direct = simulate("hold", SETTINGS, field_map=solution, device=device)
     np.testing.assert_allclose(direct.sensed, on_map.sensed, atol=5e-5)
 
 
 class Above(Field):
-    """A dipole of 8 A m^2/A above the origin, whose field may saturate."""
+    """A dipole of 8 A m^2/A above the origin; its field saturates unless `proportional`."""
 
     coil_names = ("coil",)
 
@@ -98,7 +98,7 @@ def test_a_field_of_ones_own_is_sampled_over_its_box():
 
 
 def test_cells_of_a_sampled_field_are_no_larger_than_asked_and_as_many_as_a_map_must_have():
-    """40 mm at 9 mm are five cells of 8 mm, 12 mm are two of 6 mm, but a map has four at least."""
+    """40 mm at 9 mm give five cells of 8 mm; 12 mm would give two of 6 mm, but a map needs four."""
     thin = (BOX[0], BOX[0] + [0.04, 0.012, 0.016])
     (words,) = (
         one for one in sampled_field(as_field(Above(True), thin), 9e-3).assumptions if "sampled" in one
@@ -133,7 +133,7 @@ def test_a_device_in_the_place_of_a_map_is_that_of_the_scenario_unless_it_names_
 
 
 def test_a_table_of_saturating_iron_has_the_background(saturating):
-    """The weight of a background is 1 in the table, beside the division and beyond it, too."""
+    """The background has the weight 1 in the table, inside and outside the division."""
     plain, data = saturating(), saturating_data()
     model, (*_, flux), (*_, slope) = data.reduced_model, data.flux_density, data.gradient
     data = replace(
@@ -154,7 +154,7 @@ def test_a_table_of_saturating_iron_has_the_background(saturating):
         weights = np.empty(10)
         tabled(opened).table.weights(currents, weights)
         assert weights[9] == pytest.approx(1.0, abs=1e-13)
-    # The background magnetises the iron as well: the iron's weights are others than without.
+    # The background also magnetises the iron, so the iron's weights differ from those without background.
     currents = divide_currents(1.5, 0.0, 0.0, 1.25)
     difference = exact.field(inside, currents) - plain.field(inside, currents)
     assert np.abs(difference - [1e-3, 2e-3, 3e-3]).max() > 1e-6

@@ -1,4 +1,4 @@
-"""What a compiled loop superposes for saturating iron, against the reduced model."""
+"""The superposition weights of saturating iron in a compiled loop, against the reduced model."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ POINTS = np.random.default_rng(0).uniform(-0.015, 0.015, (20, 3))
 
 
 def field(of, currents):
-    """Field and gradient at POINTS as the loop would superpose them."""
+    """Field and gradient at POINTS as superposed in the loop."""
     core = machine_in(of, len(currents))
     assert core.follow(np.asarray(currents, float))
     weights = core.weights
@@ -25,7 +25,7 @@ def field(of, currents):
 
 @pytest.mark.parametrize("form", ["harmonic", "hermite"])
 def test_a_linearised_map_touches_the_map(saturating, form):
-    """Equal at the currents themselves; next to them wrong by the square of the distance."""
+    """Equal at the currents of the linearisation; the error grows with the square of the distance."""
     m = saturating(form)
     at = divide_currents(1.5, 0.05, -0.1, 1.25)
     of = linearised(m, at)
@@ -64,7 +64,7 @@ def test_scale_is_a_named_calibration(axial):
 
 
 def test_beyond_a_table_its_slopes_go_on(saturating):
-    """Noticed, without a step at the edge, and of any currents, none among them."""
+    """`follow` reports it; the weights are continuous at the edge, and finite at any currents."""
     m = saturating("harmonic")
     core = machine_in(tabled(m, (4, 5, 5)), 6)
     ends = []

@@ -15,7 +15,7 @@ from tests.conftest import DEVICES
 from tests.refusals import refused
 
 DEVICE = (DEVICES / "ring_of_coils.toml").read_text()
-# Of the shipped scenario: depths from the origin, the step sooner, sensors without noise, and turns that nothing damps.
+# The shipped scenario with depths from the origin, an earlier step, no sensor noise, and no damping of turns.
 QUIET = {
     "duration_s": 1.0,
     "drag.turning_N_m_s": [0.0, 0.0, 0.0],
@@ -37,7 +37,7 @@ RING = [[0.04, 0.0], [0.0, 0.04], [-0.04, 0.0], [0.0, -0.04]]
 
 @pytest.fixture(scope="module")
 def map_of(dipole_map, tmp_path_factory):
-    """map_of(places, device): the bytes of a map of dipoles, of which several tests ask for the same."""
+    """map_of(places, device): the bytes of a map of dipoles, cached because several tests use the same."""
 
     @cache
     def written(places, device):
@@ -49,8 +49,8 @@ def map_of(dipole_map, tmp_path_factory):
 
 @pytest.fixture
 def some(map_of, tmp_path):
-    """Write the map of dipoles in the place of coils, 8 A m^2 per ampere, above the workspace, and the device: what the
-    shipped scenario needs of them."""
+    """Write the device and a map of dipoles in place of its coils, 8 A m^2 per ampere, above the workspace; return the
+    changes of the shipped scenario for both."""
 
     def write(places, device=DEVICE, records=True):
         device = device.replace("count = 4", f"count = {len(places)}")
@@ -77,7 +77,7 @@ def test_any_ring_of_coils_holds_and_moves_a_magnet(some, count, turning):
 
 
 def test_currents_at_rest_are_those_of_least_power(some):
-    """Those of the map's own inverse, which knows nothing of scenarios."""
+    """Against the map's own inverse, which is independent of scenarios."""
     five = some(RING + [[0.0, 0.0]])
     experiment, opened = (
         prepare(read_scenario("hold", five | {"body.turning": "upright"})),
@@ -87,7 +87,7 @@ def test_currents_at_rest_are_those_of_least_power(some):
     weight = 6e-3 * 9.80665
     known = opened.currents_for([0, 0, -0.1], [0.0, 0.0, weight], moment)
     np.testing.assert_allclose(experiment.operating_point.currents, known, rtol=1e-6)
-    # Lift, x and y push along z, x and y, and nowhere else.
+    # Lift, x and y give forces along z, x and y alone.
     force = wrench_actuation(opened, [0, 0, -0.1], moment).matrix[:3]
     made = (force @ experiment.machine.allocation.matrix)[:, [1, 2, 0]]
     np.testing.assert_allclose(made, np.diag(np.diag(made)), atol=1e-6 * made.max())
@@ -159,7 +159,7 @@ def test_shares_and_signals_of_a_known_matrix():
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
 def test_the_shipped_scenario_takes_any_map(some, scale):
-    """The middle of the map where half of the amplifiers' 5 A carry the magnet, else the deepest place that they do."""
+    """The start is the middle of the map if half of the 5 A carry the magnet there, else the deepest such place."""
     run = simulate("hold", {"map": some(RING)["map"], "field.scale": scale})
     assert run.event is None
     start = -1e3 * run.references[0, 2]
@@ -168,7 +168,7 @@ def test_the_shipped_scenario_takes_any_map(some, scale):
     if scale == 1.0:
         assert start == pytest.approx(108.0)
     else:
-        # A place deeper by a twentieth of the map would take 11 % more, by the fourth power of the distance.
+        # One step deeper, a twentieth of the map, takes 11 % more: the fourth power of the distance.
         assert 2.5 / 1.11 < run.currents[0].max() <= 2.5
 
 
@@ -182,8 +182,8 @@ def test_a_chosen_start_is_the_same_place_from_any_zero_of_depth(some, zero):
 
 
 def test_what_falls_on_the_shipped_map_falls_by_its_margins():
-    """Its driver gives 3.55 A where its magnet takes 5.95 A; with a field three times as strong it is seen 15 mm above
-    its middle, and swings there nearly undamped: the loops forgive a gain of 5 %. Drag that damps it holds it."""
+    """The shipped driver gives 3.55 A of the 5.95 A that its magnet needs. At three times the field the magnet swings,
+    nearly undamped, and the loops have a gain margin below 10 %, so it falls; damping of its turns holds it."""
     sample = open_map("sample")
     with pytest.raises(Infeasible) as caught:
         simulate("hold", field_map=sample)
@@ -214,7 +214,7 @@ def test_a_device_without_magnet_or_amplifiers_is_told(some, table):
 
 
 def test_saturating_iron_that_pushes_down_is_told(saturating):
-    """Its field over its division rises downward: dBz/dz < 0 on the axis."""
+    """Over its division the iron's field has dBz/dz < 0 on the axis."""
     given = {"device": "drive_unit", "start.depth_mm": -15.0}
     with refused(Infeasible, where=": start") as caught:
         prepare(read_scenario("hold", given), saturating())

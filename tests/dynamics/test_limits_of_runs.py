@@ -26,12 +26,12 @@ NEAR = 2e-5
 
 @pytest.fixture
 def machine(axial):
-    """2 A carry it at the origin; its surface is met at 6 mm below, 7 mm above and 5 mm aside."""
+    """2 A carry the body at the origin; its surface is 6 mm below, 7 mm above and 5 mm to the side."""
     return one_coil(axial, skin=[[0, 0, -6e-3], [0, 0, 7e-3], [5e-3, 0, 0]])
 
 
 def run(machine, samples, feedforward=(), start=None, step=1e-4, **limits):
-    """Outputs of 5 V, which are 2 A, and what is fed forward."""
+    """A run at 5 V, which give 2 A, plus the feed-forward."""
     pid = PID(Kc=0.0, Ti=0.4, Td=0.06, Ts=PERIOD, **limits)
     ahead = np.zeros((samples, 1))
     ahead[: len(feedforward), 0] = feedforward
@@ -57,7 +57,7 @@ LIMITS = {
 @pytest.mark.parametrize("name", LIMITS)
 @pytest.mark.parametrize(("beyond", "held"), [(-0.002, False), (0.002, True)])
 def test_a_limit_holds_from_its_value_on(machine, name, beyond, held):
-    """5.5 V at the output, or the 2.2 A and 8.8 V that follow."""
+    """The limits are 5.5 V at the output, or the resulting 2.2 A and 8.8 V."""
     drive, limits = LIMITS[name]
     driven = machine if not drive else replace(machine, drive=CoilDrive(coils=1, **drive))
     found = run(replace(driven, longest_saturation=5 * PERIOD), 7, np.full(7, 0.5 + beyond), **limits)
@@ -73,7 +73,7 @@ def test_a_limit_holds_from_its_value_on(machine, name, beyond, held):
     [(0.02, 10), (0.0201, 11), (0.0199, 10), (0.0029, 2), (0.005, 3), (0.001, 1), (0.006, 3), (1e-12, 1)],
 )
 def test_a_limit_ends_a_run_after_whole_periods_that_are_no_shorter(machine, longest, periods):
-    """Of 2 ms. One period less, and again after a period without it, does not end the run."""
+    """Periods of 2 ms. One period less does not end the run, nor does it after a period below the limit."""
     held = replace(machine, longest_saturation=longest)
     less = [1.0] * (periods - 1) + [0.0] + [1.0] * (periods - 1) + [0.0]
     assert run(held, len(less) + 2, less, upper=5.5).event is None
@@ -120,7 +120,7 @@ def test_a_wall_is_met_where_it_stands(machine, walls, event, touched, ends):
     ],
 )
 def test_a_run_ends_at_the_faces_of_the_map(machine, axis, side, event):
-    """At 20 mm, in one step of 2 ms; forces move it by less than 10 um meanwhile."""
+    """The faces are at 20 mm; one step of 2 ms, in which forces move the body by less than 10 um."""
     outward = side * np.eye(3)[axis]
     for moves, ends in ((8e-5, False), (12e-5, True)):
         start = state_of(19.9e-3 * outward, moves / PERIOD * outward)

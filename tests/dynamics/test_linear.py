@@ -41,13 +41,13 @@ from tests.dynamics.machines import CURVE, GAIN, MASS, MOMENT, PERIOD, QUIET, SL
 
 @pytest.fixture
 def machine(axial):
-    """One coil whose 2 A carry the body at the origin; nothing drives it aside."""
+    """One coil whose 2 A carry the body at the origin; nothing drives the body sideways."""
     return one_coil(axial, upright=True)
 
 
 @pytest.fixture
 def linear(machine):
-    # Height and both horizontal places are given or found: the lift is what is free.
+    # Height and horizontal places are given or solved for; the lift is solved for.
     return linearise(machine, find_operating_point(machine, [np.nan, np.nan, 5e-3], [np.nan], [5.0]))
 
 
@@ -75,7 +75,7 @@ def test_what_no_coil_moves_is_out_of_reach(linear):
     upward = linear.only(("z", "velocity_z"))
     assert controllability(upward).controllability > 1.0
     assert {mode.input_gains.max() > 1 for mode in modes(upward)} == {True}
-    # Of the modes above a bound alone: the one that rises, and none above that.
+    # Only modes faster than the bound count: the unstable one, or none.
     (rising,) = (pole.real for pole in np.linalg.eigvals(linear.A) if pole.real > 1.0)
     assert controllability(linear, rising - 0.5).worst_input == pytest.approx(rising)
     assert controllability(linear, rising - 0.5).controllability > 1e-3
@@ -85,7 +85,7 @@ def test_what_no_coil_moves_is_out_of_reach(linear):
 
 
 def test_modes_are_measured_in_units_of_a_size(axial):
-    """Millimetres, a tenth of a radian, what they are in a tenth of a second, and a tenth of an ampere."""
+    """Sizes: 1 mm, 0.1 rad, the same per 0.1 s, and 0.1 A."""
     drive = CoilDrive(Amplifier(GAIN), 1, time_constant=4e-3)
     machine = one_coil(axial, drive)
     found = linearise(machine, find_operating_point(machine, [np.nan, np.nan, 5e-3], [np.nan], [5.0]))
@@ -113,7 +113,7 @@ def test_time_constants_of_amplifiers_are_states(machine):
 
 
 def test_an_integrator_has_a_pole_of_zero_and_no_damping(axial):
-    """Nothing turns the body about its magnet's axis but drag of 1e-5 N m s, with an inertia of 2e-7 kg m^2."""
+    """About the magnet's axis only a drag of 1e-5 N m s acts; the inertia is 2e-7 kg m^2."""
     turning = one_coil(axial)
     for drag, slower in ((turning.drag, -1e-5 / 2e-7), (None, 0.0)):
         machine = replace(turning, drag=drag)
@@ -132,7 +132,7 @@ def test_a_rest_at_the_edge_of_the_map_is_refused(machine):
 
 
 def difference(experiment, linear, loop, size, periods=60):
-    """Largest distance of the nonlinear loop from the linear one, over the size of the disturbance."""
+    """Largest difference between the nonlinear and the linear loop, relative to the disturbance."""
     disturbed = np.array([1.0, -0.7, 0.5, 8.0, -6.0, 0.0, 5.0, 3.0, -4.0, 0.0, 0.0, 0.0])
     deviation, point = size * disturbed[: len(linear.states)], experiment.operating_point
     state = moved_state(linear, deviation)
@@ -148,7 +148,7 @@ def difference(experiment, linear, loop, size, periods=60):
 
 
 def test_the_nonlinear_loop_comes_to_the_linear_one_with_the_square_of_what_disturbs(six):
-    """Taylor test of the whole: body that turns, coils, delay, controllers of three axes."""
+    """Taylor test of the whole loop: a turning body, coils, delay, controllers of three axes."""
     experiment = prepare(read_scenario("vertical_step", QUIET), six)
     linear = linearise(experiment.machine, experiment.operating_point)
     assert linear.states == (
@@ -165,10 +165,10 @@ def test_a_body_that_keeps_its_direction_obeys_earnshaw(six):
     experiment = prepare(read_scenario("vertical_step", {"reference.0.by_mm": 0.0}), six)
     linear = linearise(experiment.machine, experiment.operating_point)
     K = linear.A[3:, :3]
-    # Up to what the map steps by from cell to cell.
+    # To the jumps of the map between cells.
     np.testing.assert_allclose(K, K.T, atol=2e-5 * np.abs(K).max())
     assert abs(np.trace(K)) < 5e-4 * np.abs(K).max()
-    # Six coils on a circle: on the axis each signal moves its own axis alone.
+    # Six coils on a circle: on its axis each signal moves only its own direction.
     found = coupling(linear)
     np.testing.assert_allclose(found.relative, np.eye(3), atol=1e-3)
     np.testing.assert_allclose(found.relative.sum(axis=0), 1.0)
@@ -176,7 +176,7 @@ def test_a_body_that_keeps_its_direction_obeys_earnshaw(six):
 
 @pytest.mark.parametrize("delay", [0.0, 0.5e-3, 2e-3])
 def test_sampling_holds_what_the_controller_said_last(linear, delay):
-    """Against python-control with the period cut into pieces as long as the delay."""
+    """Against python-control with the period divided into pieces as long as the delay."""
     piece = 0.5e-3
     fine = control.c2d(control.ss(*linear.model), piece)
     found = sampled_machine(linear, PERIOD, delay)
@@ -196,7 +196,7 @@ def test_margins_of_a_curve_that_is_straight_in_the_logarithm_are_exact_on_any_f
     frequencies = np.exp(np.linspace(0.0, 4.6, 8))
     x = np.log(frequencies)
     curve = -np.exp(middle - x + 1j * (1.0 - 0.4 * x))
-    # One half as large crosses elsewhere, and leaves the first as it is.
+    # A second curve of half the size has another crossover and does not change the first result.
     found = margins_of_curves(frequencies, np.array([curve, curve / 2.0]))
     above, below, phase, crossover, _ = found[:, 0]
     assert crossover == pytest.approx(np.exp(middle), rel=1e-9)
@@ -226,7 +226,7 @@ def test_margins_are_those_of_python_control(linear, machine):
 
 
 def test_an_unstable_sway_leaves_the_margins_of_the_lift(linear):
-    """By a machine whose x runs away, with and without a push of z by x that is felt in the lift's loop."""
+    """For a machine with unstable x; then z also depends on x, and x on z."""
     pid = pid_block(PID(2.0, 0.4, 0.06, PERIOD), AxisReading("z", 1e3))
     at, A = linear.states.index, linear.A.copy()
     A[at("velocity_x"), at("x")] *= -1.0
@@ -242,7 +242,7 @@ def test_an_unstable_sway_leaves_the_margins_of_the_lift(linear):
     for name in numbers:
         assert getattr(after, name) == pytest.approx(getattr(before, name), rel=1e-9)
     assert (before.unstable, after.unstable) == (0.0, pytest.approx(0.0, abs=1e-9))
-    # Felt in one direction only, x says nothing of itself in the lift; felt in both, it does.
+    # Coupled in one direction only, x does not change the lift's margins; coupled both ways, it does.
     A[at("velocity_z"), at("x")] = 1.0
     _, (after,) = found(A)
     assert after.modulus == pytest.approx(before.modulus, rel=1e-9)
@@ -258,8 +258,8 @@ def test_an_unstable_sway_leaves_the_margins_of_the_lift(linear):
 
 
 def test_margins_hold_beside_an_unstable_axis_that_is_felt(linear):
-    """Loops of z and x, coupled both ways, x too weak for its unstable pole or strong enough: times the margins of an
-    output a pole is on the unit circle, and the number of unstable ones changes there."""
+    """Loops of z and x, coupled both ways; x is too weak for its unstable pole, or strong enough. At each margin a pole
+    is on the unit circle, and the number of unstable poles changes there."""
     at, A, B = linear.states.index, linear.A.copy(), np.hstack([linear.B, np.zeros_like(linear.B)])
     A[at("velocity_x"), at("x")] *= -1.0
     A[at("velocity_z"), at("x")], A[at("velocity_x"), at("z")] = 8.0, 12.0
@@ -277,10 +277,10 @@ def test_margins_hold_beside_an_unstable_axis_that_is_felt(linear):
     for aside, count in ((0.02, 1), (2.0, 0)):
         lift, x = found = margins(poles(aside)[0], ("lift", "x"))
         assert (poles(aside)[1] > 1.0).sum() == count
-        # Also with the constant in the memory of a PD controller.
+        # True as well with the constant state of a PD controller.
         assert poles(aside)[0].stable == (count == 0)
         assert (lift.unstable < 0.01, x.unstable > 0.99) == (True, count == 1)
-        # A stiffness at rest less than that of the field, which both find, lets x go.
+        # At the gain 0.0489 the controller of x equals the stiffness of the field, for both gains of the controller.
         assert aside * (x.gain_up if count else x.gain_down) == pytest.approx(0.0489, abs=1e-4)
         for margin, which in zip(found, np.eye(2), strict=True):
             for factor in {margin.gain_up, margin.gain_down} - {0.0, np.inf}:
@@ -294,7 +294,7 @@ def test_margins_hold_beside_an_unstable_axis_that_is_felt(linear):
 
 
 def scaled(linear, pid, factor, delay=1e-3):
-    """The loop with the outputs of its controller times a factor."""
+    """The loop with its controller's outputs times a factor."""
     return close_loop(
         linear, replace(pid, C=factor * pid.C, D=factor * pid.D, E=pid.E / factor),
         Schedule(np.zeros((2, 3)), PERIOD, delay=delay),
@@ -302,9 +302,8 @@ def scaled(linear, pid, factor, delay=1e-3):
 
 
 def test_margins_are_where_the_loop_becomes_unstable(linear):
-    """Times its margins of gain the controller has a pole on the unit circle; the sensitivity 1 / (1 + l), which is one
-    less the answer T to the reference, gives the smallest distance from -1 and, where |l| = |T / (1 - T)| is 1, the
-    phase."""
+    """At the gain margins a pole is on the unit circle. The sensitivity 1 / (1 + l) = 1 - T, T the reference response,
+    gives the smallest distance from -1 and, where |l| = |T / (1 - T)| = 1, the phase margin."""
     upward = linear.only(("z", "velocity_z"))
     pid = pid_block(PID(1.0, 0.2, 0.04, PERIOD), AxisReading("z", 1e3))
     loop = scaled(upward, pid, 1.0)
@@ -326,7 +325,7 @@ def test_margins_are_where_the_loop_becomes_unstable(linear):
     at = answer(2.0 * np.pi * found.crossover)
     assert abs(at / (1.0 - at)) == pytest.approx(1.0, rel=1e-4)
     assert found.phase == pytest.approx(np.degrees(abs(np.angle(-at / (1.0 - at)))), rel=1e-3)
-    # Sensors that show a mean of four scans late turn the phase back.
+    # Sensors that average four scans, later, lower the phase.
     (scanning,) = margins(loop, ("lift",), Sensors(scan_rate=1200.0, averages=4))
     lag = 360.0 * (3 / 2 + 4 / 2) / 1200.0 * found.crossover
     assert found.phase - scanning.phase == pytest.approx(lag, rel=0.2)
@@ -334,7 +333,7 @@ def test_margins_are_where_the_loop_becomes_unstable(linear):
 
 @pytest.mark.parametrize("frequency", [0.0, 3.0])
 def test_coupling_is_that_of_the_answers(linear, frequency):
-    """Of a machine with three inputs whose order is lift, x, y: gains in the order x, y, z, and relative gains."""
+    """A machine with inputs in the order lift, x, y: gains in the order x, y, z, and relative gains."""
     rng = np.random.default_rng(5)
     B, names = np.vstack([np.zeros((3, 3)), rng.normal(size=(3, 3))]), ("lift_V", "x_signal", "y_signal")
     found = coupling(replace(linear, B=B, D=0.1 * np.eye(3), inputs=names), frequency)
@@ -344,7 +343,7 @@ def test_coupling_is_that_of_the_answers(linear, frequency):
     np.testing.assert_allclose(found.gain, np.abs(answer) if frequency else answer.real, rtol=1e-9)
     relative = answer * np.linalg.inv(answer).T
     np.testing.assert_allclose(found.relative, relative.real, rtol=1e-9)
-    # By the meaning of it: each answer alone, over that with the other outputs held.
+    # By definition: each response divided by the response with the other outputs held.
     if not frequency:
         held = 1.0 / np.linalg.inv(answer).T
         np.testing.assert_allclose(found.relative, (answer / held).real, rtol=1e-9)
@@ -353,7 +352,7 @@ def test_coupling_is_that_of_the_answers(linear, frequency):
 
 
 def test_shares_of_modes_and_the_worst_poles_are_told_apart(linear):
-    """Two modes made up: one that no input moves, one that no output shows."""
+    """Two made-up modes: one that no input moves, and one that no output shows."""
     A, names = np.diag([-1.0, -3.0, 2.0]), ("x", "velocity_x", "turn_y")
     B, C = np.array([[0.0], [1.0], [1.0]]), np.array([[1.0, 1.0, 0.0]])
     made = replace(linear, A=A, B=B, C=C, states=names)
@@ -365,7 +364,7 @@ def test_shares_of_modes_and_the_worst_poles_are_told_apart(linear):
     first, second, third = modes(made)
     assert [mode.pole for mode in (first, second, third)] == [2.0, -1.0, -3.0]
     assert [mode.named_shares(made) for mode in (first, second, third)] == [{"turn_y": 1}, {"x": 1}, {"x": 1}]
-    # An input in its own unit; outputs in mm, of states in mm, 10 mm/s and 0.1 rad.
+    # Inputs in their own unit; outputs in mm; states in units of mm, 10 mm/s and 0.1 rad.
     np.testing.assert_allclose([mode.input_gains[0] for mode in (first, second, third)], [10.0, 0.0, 100.0])
     np.testing.assert_allclose([mode.output_gains[0] for mode in (first, second, third)], [0.0, 1.0, 10.0])
     swinging = replace(linear, A=np.array([[0.0, 5.0], [-5.0, -6.0]]), B=B[:2], C=C[:, :2], states=names[:2])
@@ -394,7 +393,7 @@ def test_what_scanning_sensors_show_of_a_sine_is_what_the_micrometer_shows():
     part = time > 1.0
     answer = 2j * np.mean(shown[part] * np.exp(-1j * rate * time[part]))
     np.testing.assert_allclose(sensor_answer(sensors, rate), answer * np.eye(3), atol=0.02)
-    # The third alone: crossed sensors that show what is at each scan, and the depth as before.
+    # Averaging of the depth alone: crossed sensors show each scan in x and y.
     crossed = Sensors(SensorFrame(np.pi / 4, offset=0.0), scan_rate=1200.0, averages=(1, 1, n), latency=2)
     assert sensor_answer(crossed, rate)[2, 2] == pytest.approx(answer, abs=0.02)
     assert abs(sensor_answer(crossed, rate)[0, 0]) > abs(answer)
@@ -418,12 +417,12 @@ def test_averaging_makes_unstable_what_the_simulation_loses(six, averages, holds
     run = experiment.run()
     assert np.abs(run.sensed - run.references)[-200:, :2].max() < 1e-4 or not holds
     assert (run.event is None) is holds
-    # What the past is worth adds up to one, and turns a slow sine as the frequency response says.
+    # The weights of past samples sum to one and agree with the frequency response for a slow sine.
     shares = shares_of_the_past(experiment.machine.sensors, 2e-3)
     np.testing.assert_allclose(shares.sum(axis=0), np.eye(3), atol=1e-12)
     turned = np.einsum("kij,k->ij", shares, np.exp(-1j * 8.0 * 2e-3 * np.arange(len(shares))))
     np.testing.assert_allclose(turned, sensor_answer(experiment.machine.sensors, 8.0), atol=1e-3)
-    # A mode z of the loop was 1/z as large at each sample before.
+    # A mode with pole z was smaller by 1/z at each earlier sample.
     machine, k = point.loop.machine, point.loop.controller
     listen, states = k.D[:, 3:6], k.A + k.E @ k.C
     applied = (k.B + k.E @ k.D)[:, 3:6]

@@ -52,14 +52,14 @@ AIR = StoredLinkage(2e-3 * (np.eye(6) + 0.2), 1e-4 * np.arange(6.0))
 AIR_OF_THREE = StoredLinkage(2e-3 * (np.eye(3) + 0.3), np.zeros(3))
 INERTIA, ARM = np.array([6e-7, 8e-7, 3e-7]), np.array([5e-4, -3e-4, 1e-3])
 CURRENTS = np.array([0.9, -0.8, 1.2, 0.4, -0.7, 1.1])
-# A turn that has no axis in common with the frame, and a place beside the axis.
+# A rotation about no axis of the frame, and a place off the axis.
 TURN = scipy.spatial.transform.Rotation.from_rotvec([0.2, -0.3, 0.5])
 PLACE = np.array([1.3e-3, -2.1e-3, 2.6e-3])
 
 
 @pytest.fixture(scope="module")
 def m():
-    """A made-up map of saturating iron with six free currents, and linkages of a size that coils have."""
+    """A made-up map of saturating iron with six free currents, and linkages of realistic size."""
     data = saturating_data(free=True)
     model = data.reduced_model
     small = replace(model, weights=1e-7 * model.weights, air=1e-7 * model.air)
@@ -84,14 +84,14 @@ def six_coils_driven(m, magnet):
 
 @pytest.fixture(scope="module")
 def standing():
-    """A state at which the currents stand, and the body would not; slopes do not ask for that."""
+    """A state with constant currents, at which the body is not at rest; linearisation allows that."""
     quaternion = np.roll(TURN.as_quat(), 1)
     return OperatingPoint(state_of(PLACE, quaternion=quaternion), CURRENTS, RESISTANCE * CURRENTS, PLACE, 0.0)
 
 
 def rates(m, magnet, x, u, w):
-    """Of place, turn about the body's axes, velocity, angular velocity, currents (18,), by forces and flux linkages of
-    the map alone."""
+    """Time derivatives of place, turn about the body's axes, velocity, angular velocity and currents (18,), from forces
+    and flux linkages of the map alone."""
     place, turn, velocity, spin, currents = np.split(x, [3, 6, 9, 12])
     rotation = TURN * scipy.spatial.transform.Rotation.from_rotvec(turn)
     R = rotation.as_matrix()
@@ -136,14 +136,14 @@ def test_slopes_are_differences_of_the_equations_in_numpy(m, magnet, six_coils_d
         for row in blocks:
             for column in columns:
                 size = np.abs(wanted[row, column]).max()
-                # Lookups solve the iron to less than differences of linkages would like.
+                # The iron solver's tolerance limits the accuracy of differences of linkages.
                 share = 1e-3 if row.start == 12 else 2e-5
                 np.testing.assert_allclose(asked[row, column], wanted[row, column], atol=share * size + 1e-8)
 
 
 def supply_rates(linear, R):
-    """Of frequencies, 1/s: the answers (n, n) of currents, velocities and angular velocities in the frame of the map to
-    voltages, forces and torques, the body held at its place."""
+    """At each frequency, 1/s, the responses (n, n) of currents, velocities and angular velocities in the map's frame to
+    voltages, forces and torques, with the body held at its place."""
     names = [name for name in linear.states if name.startswith(("i", "velocity", "angular"))]
     held = linear.only(tuple(names))
     turned = scipy.linalg.block_diag(np.eye(3), R, np.eye(6))
@@ -153,22 +153,22 @@ def supply_rates(linear, R):
 
 
 def test_a_machine_that_is_held_takes_power_at_any_frequency(six_coils_driven, standing):
-    """Coils, drag and inertia only store and spend: answers to voltages, forces and torques are positive real. With the
-    sign of the induced voltages changed they are not."""
+    """Coils, drag and inertia only store and dissipate, so responses to voltages, forces and torques are positive real.
+    With the sign of the induced voltages reversed they are not."""
     found = linearise(six_coils_driven, standing)
     wrong = found.A.copy()
     wrong[12:, 6:12] *= -1.0
 
     def least(linear):
         answers = supply_rates(linear, TURN.as_matrix())
-        # In units in which the powers are of one size.
+        # In units that give all powers a similar size.
         sizes = np.repeat([0.1, 10.0, 1.0], [3, 3, 6])
         taken = [(answer + answer.conj().T) / sizes / sizes[:, None] for answer in answers]
         return min(np.linalg.eigvalsh(each)[0] / np.linalg.eigvalsh(each)[-1] for each in taken)
 
     assert least(found) > -1e-9
     assert least(replace(found, A=wrong)) < -1e-3
-    # What the coils give to the body the body takes from them.
+    # Reciprocity: the force per current equals the induced voltage per velocity.
     L, M = np.linalg.inv(found.B[12:]), np.diag([*(3 * [0.02]), *INERTIA])
     given = M @ found.A[6:12, 12:]
     np.testing.assert_allclose(L @ found.A[12:, 6:12], -given.T, atol=1e-9 * np.abs(given).max())
@@ -184,7 +184,7 @@ RUNS = {
 
 @pytest.mark.parametrize("mode", RUNS)
 def test_a_run_comes_to_the_linear_machine_with_the_square_of_what_disturbs(axial, magnet, standing, mode):
-    """Body, coils, controllers and outputs disturbed at once, beside a rest that loads hold; of all coils at once."""
+    """With body, coils, controllers and outputs disturbed at once, about a rest that external loads hold."""
     outputs, of_mode = RUNS[mode]
     pulling = axial.map((0.02, 0.3, 2.0), (-0.01, 0.5, 5.0), (0.03, -0.2, 8.0), linkage=AIR_OF_THREE)
     gain, supply = 1 / 60 if mode == "bridge" else 1.0, (-60.0, 60.0)
@@ -199,7 +199,7 @@ def test_a_run_comes_to_the_linear_machine_with_the_square_of_what_disturbs(axia
     amperes, step = np.array([100.0, -200.0, 150.0]), np.array([200.0, 400.0, -300.0])
     begin = np.concatenate([motion, amperes, THREE * amperes])[: len(linear.states)]
     whole = np.pad(linear.A, (0, 1))
-    # The load keeps its direction where the body turns: -R^T T about the body's axes.
+    # The load keeps its direction in space while the body turns: -R^T T about the body's axes.
     whole[9:12, 3:6] -= np.cross(np.eye(3), R.T @ load[3:]) / INERTIA[:, None]
     whole[:-1, -1] = linear.B @ step
 
@@ -219,12 +219,12 @@ def test_a_run_comes_to_the_linear_machine_with_the_square_of_what_disturbs(axia
 
 ONE = StoredLinkage([[20e-3]], [0.0])
 OHMS, PULL = 4.0, MOMENT * SLOPE
-# Of the coil, and of the body that the field of 2 A pulls out of its place.
+# Polynomials of the coil, and of the body with the field's negative stiffness at 2 A.
 COIL, MOTION = [20e-3, OHMS], [MASS, 0.05, -MOMENT * CURVE * 2.0]
 
 
 def levitator(axial, **drive):
-    """One coil whose 2 A carry the body at the origin: its machine, the linear one, and that of z and coil alone."""
+    """One coil whose 2 A carry the body at the origin: its machine, the linear machine, and its part of z and coil."""
     given = CoilDrive(Amplifier(1.0), 1, **{"resistance": OHMS, "supply": (-12.0, 12.0), **drive})
     machine = one_coil(axial, given, linkage=ONE, upright=True)
     found = linearise(machine, find_operating_point(machine, [np.nan, np.nan, 5e-3], [np.nan], [5.0]))
@@ -233,13 +233,13 @@ def levitator(axial, **drive):
 
 
 def held_at(z, ampere, output):
-    """Slopes do not ask whether the body would stay there."""
+    """An operating point at z, whether or not the body is at rest there."""
     state, sensed = state_of([0, 0, z]), np.array([0, 0, z + 5e-3])
     return OperatingPoint(state, np.array([ampere]), np.array([output]), sensed, 0.0)
 
 
 def same_answer(linear, numerator, denominator):
-    """Whether the answer of z to the first input is this ratio of polynomials."""
+    """Assert that the response of z to the first input is this ratio of polynomials."""
     found = control.ss2tf(control.ss(linear.A, linear.B[:, :1], linear.C[2], 0))
     scale, top = denominator[0], found.num[0][0]
     np.testing.assert_allclose(found.den[0][0], np.divide(denominator, scale), rtol=1e-5)
@@ -262,7 +262,7 @@ def test_a_levitator_with_a_source_of_voltage_is_of_third_order(axial):
 
 
 def test_a_bead_whose_inductance_follows_its_place(axial):
-    """Textbook: m z" = i^2 L'(z)/2, V = R i + d(L(z) i)/dt, L(z) = L + X b(z)^2 of an ellipsoid with X by Osborn."""
+    """Textbook: m z" = i^2 L'(z)/2, V = R i + d(L(z) i)/dt, L(z) = L + X b(z)^2 of an ellipsoid, X from Osborn."""
     axes, mu_r, ampere, z = np.array([2e-3, 2e-3, 3e-3]), 80.0, 1.7, 2e-3
     e = np.sqrt(1.0 - (2.0 / 3.0) ** 2)
     factor = (1.0 - e**2) / e**2 * (np.arctanh(e) / e - 1.0)
@@ -297,7 +297,7 @@ def test_a_current_controller_adds_its_integral(axial):
 
 @pytest.mark.parametrize(("ripple", "more"), [(1e-2, 0.0), (3.0, 0.6 / 3.0)])
 def test_a_bridge_gives_duty_times_supply_less_its_loss(axial, ripple, more):
-    """Within the ripple the loss is a resistance; warm copper is more. A run stays where this carries the body."""
+    """Within the ripple the loss acts as a resistance; warm copper adds more. A run stays at this operating point."""
     bridge = Bridge(20e3, dead_time=1e-6, drop=0.12, ripple=ripple)
     warm = Heating(1e-3, 1e6, coefficient=4e-3, reference=20.0, ambient=45.0)
     drive = CoilDrive(
@@ -318,7 +318,7 @@ def test_a_bridge_gives_duty_times_supply_less_its_loss(axial, ripple, more):
 
 
 def test_the_inverse_map_of_a_source_of_voltage_is_that_of_lasting_currents(six):
-    """Ohm's law, beside an ideal source of current."""
+    """By Ohm's law, compared with an ideal source of current."""
     experiment = prepare(read_scenario("vertical_step", QUIET), six)
     ideal, point = experiment.machine, experiment.operating_point
     gain, linkage = ideal.drive.amplifier.gain, StoredLinkage(1e-3 * np.eye(6), np.zeros(6))
@@ -336,7 +336,7 @@ def test_the_inverse_map_of_a_source_of_voltage_is_that_of_lasting_currents(six)
 
 
 def test_margins_of_a_levitator_are_those_of_python_control(axial):
-    """Of the closed form, sampled, under a PID controller of the voltage."""
+    """Against the closed form, sampled, under a PID controller of the voltage."""
     _, whole, _ = levitator(axial, mode="voltage")
     pid = pid_block(PID(1.0, 2.0, 0.05, PERIOD, integration="rectangular"), AxisReading("z", 1e3))
     loop = close_loop(whole, pid, Schedule(np.zeros((2, 3)), PERIOD))
@@ -354,8 +354,8 @@ def test_margins_of_a_levitator_are_those_of_python_control(axial):
 
 
 def test_a_regulator_estimates_the_current_that_its_voltage_drives(axial):
-    """It knows the coil: its loop has margins, and at rest it gives what carries the body. One designed for currents
-    that follow at once loses the body."""
+    """Its model has the coil: its loop has margins, and at rest its voltage carries the body. A regulator designed for
+    currents without lag loses the body."""
     weights = LqgWeights(output=(30.0,))
     _, found, _ = levitator(axial, mode="voltage")
     _, ideal, _ = levitator(axial, resistance=None)

@@ -1,4 +1,4 @@
-"""Linear models of machines on iron with hysteresis: their slopes by the outputs against loops driven by hand."""
+"""Linear models of machines on iron with hysteresis: slopes over output loops, against loops stepped by hand."""
 
 from dataclasses import replace
 
@@ -50,7 +50,7 @@ def at_rest(machine):
 
 
 def by_hand(memory, currents, swing):
-    """Change of the force from the middle to one end of the second of two loops."""
+    """Half the change of the force between the ends of the second of two loops of the currents."""
     for turn in (0.0, 1.0, -1.0, 1.0):
         memory = memory.step(currents + turn * swing)
     plus = memory.wrench(HERE, MOMENT, currents + swing)[:3]
@@ -76,7 +76,7 @@ def test_the_linear_machine_has_the_slopes_of_loops(memory, loop):
     other = slopes_by_hand(memory, point.currents, 5e-3 if loop else LOOP)
     assert np.abs(wanted - other).max() > 0.02 * np.abs(wanted).max()
     assert any(f"loops of {loop or 5e-3:g} A" in text for text in linear.assumptions)
-    # Amplifiers of their own pace: the same force at last.
+    # With amplifiers of finite speed the steady force is the same.
     slow = linearise(machine_on(modelled(memory, loop=loop), 1e-3), point)
     force = slow.A[3:6, 6:] @ np.linalg.solve(-slow.A[6:, 6:], slow.B[6:])
     np.testing.assert_allclose(force, linear.B[3:6], atol=1e-9 * np.abs(linear.B).max())
@@ -87,8 +87,8 @@ def test_a_loop_in_iron_without_memory_is_a_central_difference():
     machine = machine_on(modelled(plain))
     point = at_rest(machine)
     exact = linearise(machine, point).B
-    # The law of the iron is smooth piece by piece, so that the ratio of two errors says little: measured are 0.04 to
-    # 0.3 loop^2 of the slope.
+    # The iron's law is only piecewise smooth, so the ratio of two errors is not a measure of order. Measured errors are
+    # 0.04 to 0.3 loop^2 of the slope.
     for loop in (0.4, 0.2, 0.1, 0.05, 0.025, 0.0125):
         off = np.abs(linearise(machine_on(modelled(plain, loop=loop)), point).B - exact).max()
         assert 0.02 * loop**2 < off / np.abs(exact).max() < 0.5 * loop**2

@@ -1,4 +1,4 @@
-"""What compiled loops take of a machine, and what it says in words, by made-up numbers that are all unlike."""
+"""The numbers and assumptions that compiled loops get from a machine, for made-up parameters that all differ."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -25,7 +25,7 @@ AMPLIFIER = Amplifier(0.4, -9.0, 8.0, offset=0.1, current_lower=-2.5, current_up
 @pytest.mark.parametrize(
     ("amplifier", "converter", "row", "steady"),
     [
-        # The current's limits are (-2.5 - 0.1) / 0.4 and (3.5 - 0.1) / 0.4 V.
+        # The current limits in V are (-2.5 - 0.1) / 0.4 and (3.5 - 0.1) / 0.4.
         (AMPLIFIER, None, [0.0, -6.5, 8.0, 0.4, 0.1, -2.5, 3.5], (-2.5, 3.3)),
         (AMPLIFIER, Converter(5.0, 3), [1.25, -5.0, 5.0, 0.4, 0.1, -2.5, 3.5], (-1.9, 2.1)),
         (replace(AMPLIFIER, lower=-4.0, upper=9.0), None, [0.0, -4.0, 8.5, 0.4, 0.1, -2.5, 3.5], (-1.5, 3.5)),
@@ -35,13 +35,13 @@ def test_a_drive_is_limited_by_what_ends_first(amplifier, converter, row, steady
     drive = CoilDrive(amplifier, 2, converter=converter)
     np.testing.assert_allclose(drive.drives, [row] * 2, rtol=1e-12)
     np.testing.assert_allclose(drive.steady, np.transpose([steady] * 2), rtol=1e-12)
-    # What lasts in a winding is the supply over its resistance.
+    # The steady current of a winding is limited to supply / resistance.
     wound = replace(drive, resistance=[2.0, 100.0], inductance=3e-3, supply=(-20.0, 30.0))
     np.testing.assert_allclose(wound.steady, [[steady[0], -0.2], [steady[1], 0.3]], rtol=1e-12)
 
 
 def test_windings_and_answers_of_one_step():
-    """exp(-R h / L), exp(-h / tau), and the currents that the supply makes in the end, highest first."""
+    """exp(-R h / L), exp(-h / tau), and the steady currents at the supply's limits, highest first."""
     largest = np.finfo(float).max
     at_once = CoilDrive(AMPLIFIER, 2)
     np.testing.assert_array_equal(at_once.numbers(1e-4), [[0.0, 0.0, largest, -largest]] * 2)
@@ -71,7 +71,7 @@ def test_drives_that_cannot_be(given, where):
 
 
 def test_the_drive_of_a_device_file():
-    """Its windings and supply; without those of one coil currents follow at once."""
+    """Its windings and supply; without the numbers of one coil, currents follow at once."""
     coils = [fm.CircularCoil(name, 0.01, 0.02, 0.01, 100, resistance=r, inductance=2e-3) for name, r in
              (("a", 1.5), ("b", 2.5))]  # fmt: skip
     device = SimpleNamespace(coils=coils, driver=Driver(0.5, 3.0, 24.0))
@@ -93,7 +93,7 @@ def test_the_drive_of_a_device_file():
 
 
 def test_crossed_sensors_as_loops_take_them():
-    """Turned by 30 degrees and mounted aside: what is at (x, y) on each sensor, and back; the depth downward."""
+    """Turned by 30 degrees and off the axis: readings of each sensor at (x, y), and back; depth counts downward."""
     frame = SensorFrame(np.pi / 6, offset=0.02, radius=0.005, bias=(1e-3, -2e-3))
     sensors = Sensors(
         frame, 0.07, (1e-6, 2e-6, 3e-6), scan_rate=500.0, averages=(4, 9, 16), latency=3, measured_with=25
@@ -105,7 +105,7 @@ def test_crossed_sensors_as_loops_take_them():
         np.testing.assert_allclose(into @ place + shift, [*readings[:2], -place[2] - 0.07], atol=1e-15)
     np.testing.assert_allclose(back @ into, np.eye(3), atol=1e-15)
     np.testing.assert_array_equal(scan, [2e-3, 3.0, 4.0, 9.0, 16.0])
-    # Nothing is scaled, rounded or cut.
+    # No scaling, rounding or clipping.
     np.testing.assert_array_equal(chains[2], [0, 1, 0, -np.inf, np.inf, 0, 0, 0, -np.inf, np.inf])
     np.testing.assert_allclose(sensors.scan_deviations, [5e-6, 1e-5, 1.5e-5])
     np.testing.assert_allclose(replace(sensors, measured_with=None).scan_deviations, [2e-6, 6e-6, 1.2e-5])
@@ -114,7 +114,7 @@ def test_crossed_sensors_as_loops_take_them():
     assert (Sensors().scans(1.0), Sensors().numbers.scan.tolist()) == (0, [0.0, 0.0, 1.0, 1.0, 1.0])
     with refused(InputError, where="Sensors(voltage_noise)"):
         Sensors(voltage_noise=-1e-9)
-    # Noise along the axes of the map; at least a micrometre.
+    # Deviations along the axes of the map, at least 1 um.
     machine = SimpleNamespace(sensors=replace(sensors, deviations=(3e-6, 4e-6, 1e-7)))
     expected = np.hypot([3e-6 * np.sqrt(0.75), 3e-6 * 0.5], [4e-6 * 0.5, 4e-6 * np.sqrt(0.75)])
     np.testing.assert_allclose(_noise(machine), [*expected, 1e-6], rtol=1e-12)
@@ -130,7 +130,7 @@ def test_the_keys_of_a_measuring_chain():
     assert made["voltage_noise"] == 1e-3
     rig = made["rigs"][0]
     assert made["rigs"] == (rig, rig, rig)
-    # Zero, m per V, its step in V, its range; gain and offset error; the converter.
+    # Zero, m per V, step in V, range; gain and offset error; the converter.
     expected = [0.0, 4e-3, 0.0025, -1e3, 1e3, 0.0, 0.0, 10.0 / 4096, -5.0, 5.0]
     np.testing.assert_allclose(rig.chain, expected, rtol=1e-12)
     assert rig.input.random_noise == 1e-3
@@ -190,7 +190,7 @@ def test_what_ends_a_run(ending, contacts):
 
 
 def test_limits_of_outputs_unless_they_are_given():
-    """What the amplifiers give over their gain, 3.3 A here, and 1; of a matrix downward too beside magnets."""
+    """The amplifiers' largest current over their gain, and 1; with magnets a matrix has a negative limit too."""
     amplifier = replace(AMPLIFIER, offset=0.0)
     plain = replace(machine(), drive=CoilDrive(amplifier, 2))
     most = amplifier.largest_current / 0.4
@@ -239,7 +239,7 @@ def test_a_plate_and_walls_in_numbers():
     np.testing.assert_array_equal(none[4:], [-np.inf, np.inf, np.inf, 0.0, 0.0])
     walls = Walls(-0.1, 0.2, 0.03, (4e-3, -5e-3), 2e-3, 0.6, 0.4, 7e-3)
     k, c, *rest = walls.numbers(0.03)
-    # m z'' + c z' + k z = 0 swings half a time in 2 ms, and is 0.6 as fast then.
+    # Half a period of m z'' + c z' + k z = 0 takes 2 ms, after which the speed is 0.6 times as large.
     pole = np.roots([0.03, c, k])[0]
     assert np.pi / abs(pole.imag) == pytest.approx(2e-3)
     assert np.exp(pole.real * 2e-3) == pytest.approx(0.6)

@@ -1,4 +1,4 @@
-"""Metrics, words and files of runs whose every number is made up."""
+"""Metrics, texts and files of runs with made-up numbers."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -30,7 +30,7 @@ from tests.refusals import refused
 ROWS, COILS = 4, 2
 LINEAR = IronUse()
 TIME = 0.01 * np.arange(ROWS)
-# Turned about the body's y axis, which moves the point that is seen, 5 mm above, along x.
+# Turns about the body's y axis, which move the sensed point, 5 mm above the magnet, along x.
 TURN = np.array([0.1, -0.3, 0.2, 0.0])
 SCENARIO = SimpleNamespace(
     zero_depth_mm=77.0,
@@ -40,7 +40,7 @@ SCENARIO = SimpleNamespace(
 
 
 def made(event=None, touched=(), forces=False, names=("lift_V", "x_signal"), iron=LINEAR):
-    """A run of four rows, whose numbers count on from column to column."""
+    """A run of four rows whose numbers increase from column to column."""
     rows = np.arange(1.0, 1.0 + ROWS)[:, None] + 10.0 * np.arange(13 + 2 * COILS + 3 + len(names))
     rows[:, :3] = 1e-3 * rows[:, :3]
     rows[:, 6:10] = np.column_stack([np.cos(TURN / 2), 0 * TURN, np.sin(TURN / 2), 0 * TURN])
@@ -70,7 +70,7 @@ def test_parts_of_a_row():
     np.testing.assert_allclose(run.sensed, true_places(), rtol=1e-12)
     np.testing.assert_array_equal(run.response, run.sensed)
     np.testing.assert_allclose(run.tilt, np.abs(TURN), atol=1e-12)
-    # A turn about the vertical is no lean, and half a turn about x is upside down.
+    # A turn about the vertical is no tilt; half a turn about x is a tilt of 180 degrees.
     for quaternion, lean in (([0.6, 0.0, 0.0, 0.8], 0.0), ([0.0, 1.0, 0.0, 0.0], np.pi)):
         rows = run.rows.copy()
         rows[:, 6:10] = quaternion
@@ -235,14 +235,14 @@ def test_words_about_what_is_left_what_settles_and_what_did_not_converge():
         (170.2, "mm, leaning 170.2 degrees; "),
     ):
         assert told in dict(batch_words(batch(one, lean=lean)))["at rest"]
-    # The root mean square over the runs that do not settle, of all that came to their end.
+    # The RMS over all runs that reached their end but did not settle.
     other = replace(RESTLESS, steady_rms=0.4)
     each = dict(batch_words(batch(metrics_of(RESTLESS), metrics_of(other), metrics_of(STEP))))
     assert each["settling"].endswith(" step in 2 of 3 runs: 0.354 mm RMS off over the last quarter")
 
 
 def test_words_about_windings_that_warm_up():
-    """The hottest of all runs; the earliest that was too hot, in so many of them."""
+    """The highest temperature, the earliest time above the limit, and the number of runs above it."""
     runs = [
         metrics_of(STEP, hottest_degC=hot, too_hot_s=at)
         for hot, at in ((80.04, 1.5), (91.26, 1.25), (70.0, None))
@@ -270,7 +270,7 @@ def test_metrics_of_a_step_are_of_steps_alone(pieces):
 
 @pytest.mark.parametrize(("samples", "there"), [(20, True), (19, False)])
 def test_a_step_of_twenty_samples_has_metrics(samples, there):
-    """A step of zero beside it is none; of several the first counts, to the next."""
+    """A step of zero does not count; the first step counts, and lasts until the next."""
     still, first, later = Step("x", 0.0, 0.0), Step("x", 0.01, 2e-3), Step("x", 0.01 + 1e-3 * samples, 1e-3)
     scenario = SimpleNamespace(settings=SimpleNamespace(reference=[later, still, first]))
     time = 1e-3 * np.arange(200)
@@ -279,7 +279,7 @@ def test_a_step_of_twenty_samples_has_metrics(samples, there):
     assert (found is not None) is there
     if found is not None:
         assert found.overshoot == pytest.approx(0.25)
-    # Of a run that begins with its step, the body was where the reference was before.
+    # In a run that begins with its step, the body was at the previous reference.
     begun = SimpleNamespace(settings=SimpleNamespace(reference=[Step("x", 0.0, 2e-3)]))
     assert _step(begun, time, 0 * time + 2.5, 0 * time + 2.0, "x").overshoot == pytest.approx(0.25)
 
@@ -320,7 +320,7 @@ class Read(SimpleNamespace):
 
 
 def test_a_log_is_laid_over_a_run_at_its_own_times():
-    """x and currents between the rows of the run; z counts upward, the depth downward from the sensor's zero."""
+    """x and currents between rows of the run; z counts upward, the depth downward from the sensor's zero."""
     run = made()
     experiment = SimpleNamespace(scenario=SCENARIO, device=SimpleNamespace(coil_names=("a", "b")))
     time = np.array([-0.001, 0.005, 0.03, 0.031])
@@ -339,7 +339,7 @@ def test_a_log_is_laid_over_a_run_at_its_own_times():
         assert one.unit == unit
         np.testing.assert_allclose(one.measured, measured, rtol=1e-9)
         np.testing.assert_allclose(one.simulated, simulated, rtol=1e-9)
-    # Its begin is moved to 4 ms of the run; two samples at least must be left.
+    # The log's begin is moved to 4 ms of the run; at least two of its samples must remain.
     np.testing.assert_allclose(lay_over(experiment, run, log, 0.004).time, [0.004, 0.01])
     received = "0.029 to 0.061 s"
     with refused(InputError, where="lay_over(begins)", must_hold="0 to 0.03 s", received=received):

@@ -1,4 +1,4 @@
-"""The wrench that moves the body, against the wrench of the lookup room and the slope of its energy."""
+"""The wrench on the moving body, against the wrench of the lookup and the gradient of its energy."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def states(count=6):
 
 
 def at_fixed_currents(field, body):
-    """A body in one field, whose weight is 1, without coils."""
+    """A machine without coils, with the body in one field of weight 1."""
     none = np.zeros((0, 4)), np.zeros((0, 7))
     return CoreMachine(
         Plant(CoreMap(unit_block(field)).map, body.numbers(), np.zeros(3), 1.0, None, 1.0, None, *none)
@@ -41,7 +41,7 @@ def wrench_of(field, body, state, fixed):
         assert machine.follow(CURRENTS)
     load = np.empty(6)
     assert machine.load(state, load) == (0, 0)
-    # From the coefficients that it has kept: the same bits.
+    # The second call uses the stored coefficients and gives the same bits.
     again = np.empty(6)
     assert machine.load(state, again) == (0, 0)
     np.testing.assert_array_equal(again, load)
@@ -50,7 +50,7 @@ def wrench_of(field, body, state, fixed):
 
 @pytest.mark.parametrize("fixed", [True, False])
 def test_force_and_torque_are_those_of_the_lookup_room(field, fixed):
-    """The torque about the magnet's centre and the lever of the force, turned into the body."""
+    """The torque about the magnet's centre plus the lever of the force, in the body's frame."""
     arm = np.array([1e-3, -2e-3, 3e-3])
     body = RigidBody(0.01, [1e-6] * 3, MAGNET, magnet_at=arm, gravity=0.0)
     for state in states():
@@ -64,7 +64,7 @@ def test_force_and_torque_are_those_of_the_lookup_room(field, fixed):
 
 
 def test_the_load_is_minus_the_slope_of_the_energy(axial):
-    """By place, and by turning about the axes of the body: central differences."""
+    """By place, and by turns about the body's axes; central differences."""
     field = axial.map((0.02, -0.1, 0.5), (0.01, 0.2, -1.0), (-0.01, 0.05, 2.0)).at(CURRENTS)
     body = RigidBody(0.01, [1e-6] * 3, MAGNET, magnet_at=[1e-3, -2e-3, 3e-3], gravity=0.0)
     machine = at_fixed_currents(field, body)
@@ -95,7 +95,7 @@ def test_a_magnet_that_reaches_out_of_the_map_is_noticed(field, axial):
 
 
 def test_a_kept_field_is_that_of_the_place_and_of_the_currents(field):
-    """Along a path through many cells and back, and after the currents have changed."""
+    """Along a path through many cells and back, and after changes of the currents."""
     currents, load = CURRENTS.copy(), np.empty(6)
     moments = np.eye(3)
     bodies = [

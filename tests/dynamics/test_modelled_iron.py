@@ -1,4 +1,4 @@
-"""Runs on saturating iron whose model is solved as the currents go, against steps by hand and the map's lookups."""
+"""Runs on saturating iron solved at every current, against steps by hand and the map's lookups."""
 
 import copy
 import pickle
@@ -61,7 +61,7 @@ def run_of(field, **more):
 
 
 def by_hand(force):
-    """Place and currents at every sample, by Strang's steps and exact windings in Python; force(currents, place), N."""
+    """Place and currents at every sample, by Strang steps and exact windings in Python; force(currents, place), N."""
     decay = np.exp(-RESISTANCE * STEP / INDUCTANCE)
     high, low = SUPPLY / RESISTANCE, -SUPPLY / RESISTANCE
     place, velocity, currents = np.zeros(3), np.zeros(3), START.copy()
@@ -84,8 +84,8 @@ def free(saturating):
 
 
 def test_a_run_is_the_loop_by_hand_with_the_maps_own_function(free):
-    """The same solves in the same order, one in the C core and one in numba: equal to what rounding of sums in single
-    precision leaves. The supply holds currents back at first."""
+    """The same solves in the same order, in the C core and in numba: equal to single-precision rounding of sums. The
+    supply limits the currents at first."""
     function, data = free.compiled()
 
     def force(currents, place):
@@ -99,8 +99,8 @@ def test_a_run_is_the_loop_by_hand_with_the_maps_own_function(free):
 
 
 def test_a_run_is_the_loop_by_hand_with_compiled_wrench(free):
-    """Which solves a hundred times as exactly: equal to what the run leaves of a state, where the iron saturates and a
-    run linear about the start goes elsewhere."""
+    """The compiled wrench solves a hundred times as accurately: equal to the run's tolerance, while a run linearised at
+    the start deviates because the iron saturates."""
     wrench, data = compiled_wrench(free, MagneticBody(np.zeros((1, 3)), MOMENT[None]))
     found, slopes = np.empty(6), np.empty((6, 6))
 
@@ -163,14 +163,14 @@ def test_currents_beyond_the_maps_are_noted_and_may_end_a_run(free):
 
 
 def test_steps_that_do_not_converge_are_counted_and_keep_the_iron(free):
-    """With a tolerance of zero no solve converges: at the start that is an error, later the run goes on and says so."""
+    """With a tolerance of zero no solve converges: at the start that is an error, later it is only counted."""
     with pytest.raises(NotConverged):
         run_of(replace(modelled(free), tolerance=0.0))
     hand = RunningMachine(machine_of(modelled(free)), PLAN, state_of([0, 0, 0]), START, None)
     hand.step(ASKED)
     machine = hand._begun.machine
     iron, room = IronState(machine.plant.iron), np.empty(9)
-    # The tolerance of a solve is that of the next ones, too.
+    # The tolerance of one solve also holds for the later solves.
     iron.solve(hand.currents, room, tolerance=0.0)
     before = machine.weights
     hand.step(ASKED)
@@ -179,7 +179,7 @@ def test_steps_that_do_not_converge_are_counted_and_keep_the_iron(free):
     assert hand.run.iron.solves == 31
     np.testing.assert_array_equal(machine.weights[6:], before[6:])
     np.testing.assert_array_equal(machine.weights[:6], hand.currents)
-    # From anew it finds its way back.
+    # After a converged solve the run continues normally.
     iron.solve(hand.currents, room, tolerance=1e-10)
     hand.step(ASKED)
     assert hand.run.iron.unsolved == 20
@@ -189,7 +189,7 @@ def test_steps_that_do_not_converge_are_counted_and_keep_the_iron(free):
 
 
 def test_runs_on_threads_and_copies_of_a_machine_have_the_same_bits(free):
-    """Each run has states of its own; what a copy or a pickle holds names no function of another process."""
+    """Each run has its own states; a copy or a pickle contains no function address of another process."""
     machine = machine_of(modelled(free))
 
     def one(machine, seed):
@@ -204,9 +204,9 @@ def test_runs_on_threads_and_copies_of_a_machine_have_the_same_bits(free):
 
 
 def test_operating_points_and_slopes_are_those_of_the_model(free):
-    """At an operating point the map's own wrench balances the weight; slopes by currents are its own, too."""
+    """At an operating point the map's own wrench balances the weight; slopes by currents are the map's as well."""
     machine = machine_of(modelled(free))
-    # Three outputs carry it, each an arbitrary pattern of currents.
+    # Three outputs carry the body; each drives an arbitrary pattern of currents.
     patterns = np.linalg.qr(RNG.normal(size=(6, 3)))[0]
     mixed = replace(machine, allocation=MatrixAllocation(patterns, START, ("a", "b", "c")))
     heavy = replace(mixed, body=replace(mixed.body, mass=2e-4))

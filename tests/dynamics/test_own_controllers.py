@@ -55,7 +55,7 @@ NOISE = {"deviations": (5e-6, 8e-6, 2e-5), "voltage_noise": 0.0}
 
 @pytest.fixture(scope="module")
 def plain(axial):
-    """One coil, 2 A of which carry a body at the origin; noise, converters and windings."""
+    """One coil, with noise, converters and windings; 2 A in it carry a body at the origin."""
     amplifier = Amplifier(GAIN, -10.0, 10.0, deviation=1e-3)
     drive = CoilDrive(amplifier, 1, [2.0], [4e-3], (-20.0, 20.0), converter=Converter(10.0, 16))
     return one_coil(axial, drive, Sensors(**NOISE), ("lift_V",))
@@ -91,7 +91,7 @@ def library(tmp_path_factory):
         pytest.skip("no C compiler here")
     made, source = tmp_path_factory.mktemp("own") / "own.so", Path(__file__).with_name("own.c")
     gains = [f"-DKP={KP!r}", f"-DKI={KI!r}", f"-DKD={KD!r}"]
-    # No contraction: a product and a sum in one rounding would be other bits.
+    # A fused multiply-add rounds once and would change bits.
     how = ["-O2", "-ffp-contract=off", "-shared", "-fPIC"]
     subprocess.run([compiler, *how, *gains, "-o", made, source], check=True)
     return ctypes.CDLL(str(made))
@@ -117,7 +117,7 @@ def test_pid_in_python_numba_and_c_has_the_bits_of_one_another_and_the_path_of_t
     plain, library
 ):
     """The shipped PID sums the same terms in another order (a block of matrices): rounding of 1e-16 a sample, which the
-    noise of a closed loop does not let grow."""
+    closed loop does not amplify."""
     wanted = run(plain, shipped())
     assert wanted.event is None
     assert np.ptp(wanted.outputs) > 1.0
@@ -134,7 +134,7 @@ def test_pid_in_python_numba_and_c_has_the_bits_of_one_another_and_the_path_of_t
 
 
 def test_the_shipped_block_as_a_function_has_its_bits(plain):
-    """Between sensors and limits, delay, converter and winding nothing is lost or added."""
+    """The path from sensors through limits, delay, converter and winding is the same for functions and blocks."""
     block = shipped()
     core = CoreController(block.arrays)
 
@@ -149,7 +149,7 @@ def test_the_shipped_block_as_a_function_has_its_bits(plain):
 def test_equal_seeds_have_equal_bits_in_any_thread(plain):
     plan = schedule(100)
     for function in (python_pid, jitted_pid):
-        # Made once: of a function of numba each is compiled anew.
+        # Made once, because each controller compiles its numba function anew.
         controller = own(function)
         one, again, other = (run(plain, controller, seed, plan) for seed in (5, 5, 6))
         np.testing.assert_array_equal(one.rows, again.rows)
@@ -167,7 +167,7 @@ GAIN_IN_USE = 3.0
 
 
 def test_each_controller_takes_the_globals_of_its_function_as_they_are(monkeypatch):
-    """numba compiles them in as constants: who changes one between two runs means the new value."""
+    """numba compiles globals as constants, so each controller compiles anew to use a changed value."""
 
     @numba.njit
     def proportional(time, measured, reference, state):
@@ -230,8 +230,8 @@ def test_a_loop_by_hand_goes_on_beyond_its_schedule_and_at_steps_of_its_own(plai
 @pytest.mark.parametrize("even", [True, False])
 @pytest.mark.parametrize("rows", [1, 6])
 def test_what_acts_beyond_the_schedule_is_its_last_row(plain, even, rows):
-    """References, feed-forward and forces of 6 periods of 2 ms, or a force throughout: 12 periods by hand, and the same
-    by two steps of half a period each."""
+    """References, feed-forward and forces of 6 periods of 2 ms, or one force throughout: 12 periods by hand, once with
+    two steps of half a period each."""
     quiet = replace(plain, sensors=Sensors(zero_depth=0.0))
     references = np.column_stack([np.zeros((6, 2)), 5e-3 + 1e-5 * np.arange(6)])
     forward, loads = 0.01 * np.arange(6.0)[:, None], np.zeros((rows, 6))
@@ -286,7 +286,7 @@ def test_steps_that_do_not_fit_are_refused(plain):
 
 
 def test_currents_and_voltages_go_through_amplifier_and_converter(plain):
-    """A current of 2 A is what 2 / gain V ask for, rounded by the converter and limited like it."""
+    """A current of 2 A acts like an output of 2 / gain V, with the converter's rounding and limits."""
     steady = {"state": (), "lower": -np.inf, "upper": np.inf}
     quiet = replace(plain, sensors=Sensors(zero_depth=0.0))
 
@@ -318,7 +318,7 @@ def test_its_own_period_and_reset(plain):
     run(plain, own(counting), plan=schedule(10))
     assert counting.resets == 2
     np.testing.assert_allclose([time for time, _ in counting.calls[:10]], PERIOD * np.arange(10), atol=1e-15)
-    # What was measured stays as it was: a function may keep it.
+    # Arrays of measurements are not reused: a function may keep them.
     assert len({tuple(measured) for _, measured in counting.calls[:10]}) == 10
 
 
@@ -361,7 +361,7 @@ def test_a_tuple_of_another_length_is_told(plain, values, received):
 
 @pytest.mark.parametrize("jit", [lambda f: f, numba.njit], ids=["python", "numba"])
 def test_an_index_beyond_state_is_told_at_the_sample_at_which_it_happens(plain, jit):
-    """Also where it only reads, far beyond whatever lies there, and only later in the run."""
+    """Even if the function only reads, far beyond the array, or only later in the run."""
 
     def reads(time, measured, reference, state):
         return 5.0 if time < 0.0391 else 5.0 + 0.0 * state[5_000_000]
@@ -432,7 +432,7 @@ print("|".join(received))
 
 
 def test_a_compiled_function_that_writes_beside_its_state_does_not_end_the_program():
-    """In a process of its own: unwatched, it ends by an abort of the memory's keeper, or with a result."""
+    """In a subprocess, because unchecked writes would abort it or corrupt its results."""
     done = subprocess.run(
         [sys.executable, "-c", BEYOND],
         capture_output=True,
@@ -449,7 +449,7 @@ def test_a_compiled_function_that_writes_beside_its_state_does_not_end_the_progr
 
 
 def test_c_functions_that_leave_their_arrays_are_found(plain, library):
-    """What they write is noticed at the end of the run; what they read is no number."""
+    """Writes out of bounds are noticed at the end of the run; reads out of bounds give nan."""
     with refused(ControllerError, received="outputs[1]") as error:
         run(plain, own(library.outputs_too))
     assert len(error.value.run.time) == 400
@@ -543,7 +543,7 @@ kind = "own"
 
 
 def own_scenario(text):
-    """The scenario of one step with its controllers left to the caller."""
+    """The scenario with its controllers left to the caller."""
     first, last = text.index("[control.z]"), text.index("[start]")
     return text[:first] + OWN.lstrip() + "\n" + text[last:]
 
@@ -560,7 +560,7 @@ def depth_pid(output):
 
 
 def test_a_scenario_takes_a_function_in_the_place_of_its_controllers(written):
-    """Against the PID of the scenario itself; by hand the same bits; in numba the same."""
+    """Against the PID of the scenario; stepped by hand and with numba the bits are the same."""
     path = written()
     point = prepare(read_scenario(path)).operating_point
     wanted = simulate(path)
@@ -604,7 +604,7 @@ def test_signals_of_a_scenario_stand_beside_signals_alone(written, gives, fits):
 
 
 def test_currents_of_six_coils_at_a_period_of_its_own(written):
-    """Currents of rest, put in as they are, hold still as long as nothing shakes."""
+    """Without disturbances, the currents at rest hold the body still."""
     path, quiet = written(), {"noise.off": True, "reference.0.by_mm": 0.0, "duration_s": 0.1}
     currents = tuple(float(value) for value in prepare(read_scenario(path)).operating_point.currents)
     assert len(set(currents)) <= 6
@@ -636,7 +636,7 @@ def test_currents_of_six_coils_at_a_period_of_its_own(written):
 
 @pytest.mark.parametrize("iron", ["table", "linearised", "model"])
 def test_saturating_iron_takes_functions_as_it_takes_blocks(saturating, axial, iron):
-    """By the table of a division, linearised about currents, and by its model; compiled, called back and by hand."""
+    """With a table of a division, linearised at currents, and with the model; compiled, as a callback and by hand."""
     m, at = saturating("harmonic"), (1.6, 0.05, -0.1)
     body = RigidBody(MASS, [6e-7, 6e-7, 2e-7], axial.dipole(0.02))
     field = modelled(m)

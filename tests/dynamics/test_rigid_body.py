@@ -1,4 +1,4 @@
-"""The motion of a rigid magnet in a field that does not change, against closed forms and an adaptive integrator."""
+"""The motion of a rigid magnet in a constant field, against closed forms and an adaptive integrator."""
 
 from dataclasses import replace
 
@@ -44,7 +44,7 @@ def free_spin(inertia, start, times):
 
 
 def spinning(axial, inertia, spin, duration, step, order):
-    """A body in a uniform field without moment and weight: free."""
+    """A free body: uniform field, neither moment nor weight."""
     body = RigidBody(0.01, inertia, axial.dipole(0.0), gravity=0.0)
     still = axial.map((0.01, 0.0, 0.0)).at([1.0])
     return body, move(still, body, state_of([0, 0, 0], angular_velocity=spin), duration, step, order=order)
@@ -68,14 +68,14 @@ def test_a_free_rotor_keeps_its_angular_momentum_in_space_and_its_energy(axial):
     momentum = angular_momentum(body, run.states)
     np.testing.assert_allclose(momentum, np.broadcast_to(momentum[0], momentum.shape), atol=1e-12 * 6.8e-5)
     kinetic = 0.5 * run.states[:, 10:] ** 2 @ UNLIKE
-    # Symplectic: what second order does to the energy comes and goes, and does not add up.
+    # The integrator is symplectic: its error of the energy oscillates, and does not grow.
     first, last = kinetic[: len(kinetic) // 4], kinetic[-len(kinetic) // 4 :]
     assert np.ptp(kinetic) < 1e-3 * kinetic[0]
     assert abs(first.mean() - last.mean()) < 0.02 * np.ptp(kinetic)
 
 
 def test_an_axisymmetric_body_is_exact_at_any_step(axial):
-    """Its axis goes round L at the rate |L| / I1; two steps of half a second against a thousand of a millisecond."""
+    """The axis precesses about L at |L| / I1; two steps of 0.5 s against a thousand steps of 1 ms."""
     inertia = [1.2e-6, 1.2e-6, 2.25e-6]
     _, coarse = spinning(axial, inertia, [3.0, 1.0, 20.0], 1.0, 0.5, "second")
     _, fine = spinning(axial, inertia, [3.0, 1.0, 20.0], 1.0, 1e-3, "second")
@@ -90,7 +90,7 @@ def test_an_axisymmetric_body_is_exact_at_any_step(axial):
 
 @pytest.mark.parametrize("half_angle", [1e-9, 1e-3, 0.02, 0.0499, 0.0501, 0.3, 2.0])
 def test_a_turn_about_the_axis_has_the_sine_and_cosine_of_half_its_angle(axial, half_angle):
-    """Up to 0.05 the core sums their series."""
+    """Below 0.05 the core uses power series."""
     _, run = spinning(axial, [1e-6, 1e-6, 1e-6], [0.0, 0.0, 2.0 * half_angle], 1.0, 1.0, "second")
     expected = [np.cos(half_angle), 0.0, 0.0, np.sin(half_angle)]
     np.testing.assert_allclose(run.states[-1, 6:10], expected, rtol=0, atol=4e-16)
@@ -101,14 +101,14 @@ def tilted(angle):
 
 
 def test_a_spinning_top_floats_and_keeps_its_energy_for_ten_seconds(axial, top):
-    """Spin makes a magnet against the field float (the levitron): ten seconds of bounded motion without losses."""
+    """Spin stabilises a magnet opposite to the field (the levitron): ten seconds of bounded motion without losses."""
     start = state_of([1e-3, -5e-4, 1e-3], quaternion=tilted(0.05), angular_velocity=[0.0, 0.0, 200.0])
     run = move(axial.floating(), top, start, 10.0, 1e-4, order="fourth", every=20)
     assert run.inside
     assert np.linalg.norm(run.states[:, :3], axis=1).max() < 4e-3
     total = energy(axial.floating(), top, run.states)
     assert np.ptp(total) < 1e-9 * abs(total[0])
-    # The same against what goes to and fro between the forms of energy, which is far less than the spin's.
+    # Also relative to the energy exchanged between its forms, which is far less than the spin's.
     weight = top.mass * top.gravity * run.states[:, 2]
     assert np.ptp(total) < 1e-8 * np.ptp(weight)
 
@@ -130,7 +130,7 @@ def test_order_and_agreement_with_an_adaptive_integrator(axial, order, power):
 @pytest.mark.parametrize("moment", [1.0, -1.0])
 @pytest.mark.parametrize("curvature", [-2.0, -0.5, 0.0, 0.5, 2.0])
 def test_without_spin_and_control_every_equilibrium_escapes(axial, moment, curvature):
-    """Earnshaw: at rest on the axis force and torque balance, and from 10 um beside it the magnet goes away."""
+    """Earnshaw: at rest on the axis force and torque balance; from 10 um off the axis the magnet moves away."""
     slope = axial.mass * 9.80665 / moment
     field = axial.map((0.02, slope, curvature)).at([1.0])
     body = RigidBody(axial.mass, axial.inertia, axial.dipole(moment))
@@ -159,7 +159,7 @@ def test_a_payload_makes_a_body():
 
 
 def _points_of_a_ball(number: int) -> np.ndarray:
-    """Evenly spread in a ball of radius 1."""
+    """Points spread evenly in a ball of radius 1."""
     rng = np.random.default_rng(1)
     points = rng.uniform(-1, 1, (number, 3))
     return points[(points**2).sum(axis=1) <= 1]
@@ -176,7 +176,7 @@ def _points_of_a_ball(number: int) -> np.ndarray:
     ],
 )
 def test_inertia_follows_from_a_ball_and_a_block(magnet, points):
-    """Beside the second moments of points spread evenly in the shape."""
+    """Against second moments of points spread evenly in the shape."""
     body = body_of_payload(Payload(0.05, magnet=magnet))
     squares = (points(400_000) ** 2).mean(axis=0)
     np.testing.assert_allclose(body.inertia, 0.05 * (squares.sum() - squares), rtol=5e-3)
@@ -203,7 +203,7 @@ def test_a_body_that_cannot_be_is_named(axial, inertia, words):
 
 
 def test_a_flat_body_is_one_to_rounding(axial):
-    """Of a plate the largest moment of inertia is the sum of the others."""
+    """The largest moment of inertia of a plate is the sum of the other two."""
     flat = np.array([0.1e-6, 0.2e-6, (0.1e-6 + 0.2e-6) * (1.0 + 5e-10)])
     assert RigidBody(0.01, flat, axial.dipole(1.0)).inertia.tolist() == flat.tolist()
     with pytest.raises(InputError):

@@ -1,4 +1,4 @@
-"""Scenario files: what is read, what is refused, what runs, what is written."""
+"""Scenario files: reading, refusals, runs, and written files."""
 
 import json
 from dataclasses import replace
@@ -32,7 +32,7 @@ def test_shipped_scenarios_are_right(name):
 
 
 def wanted_of(scenario):
-    """x, y and depth in mm that a scenario asks for from 10 mm on."""
+    """References of x, y and depth in mm of a scenario that starts at a depth of 10 mm."""
     given, period = scenario.settings, scenario.settings.control.period
     time = control_times(given.duration, period)
     start_at = np.array([0.0, 0.0, 1e-2])
@@ -58,8 +58,8 @@ def test_all_mistakes_of_a_file_are_told_at_once_with_their_lines(written):
 
 
 def test_a_finite_magnet_fills_its_cylinder_and_needs_one():
-    """Dipoles about the magnet's centre: their moments add up, and their mean square along the axis is that of the
-    cylinder, a twelfth of its height's."""
+    """Dipoles about the magnet's centre: their moments sum to the magnet's, and their mean square distance on the axis
+    is the cylinder's, h^2 / 12."""
     finite = read_scenario("hold", {"body.finite_magnet": True})
     device, opened = fm.read_device("drive_unit"), fm.open_map("sample")
     payload = device.payload
@@ -75,7 +75,7 @@ def test_a_finite_magnet_fills_its_cylinder_and_needs_one():
 
 
 def test_a_start_shifts_moves_and_leans_what_may_be_turned_already(written):
-    """SciPy's rotation about the map's x axis, before it one of the operating point's own."""
+    """SciPy's rotation about the map's x axis, after the rotation of the operating point."""
     given = {
         "start.shift_mm": [1.0, 2.0, 3.0],
         "start.velocity_mm_per_s": [4.0, 5.0, 6.0],
@@ -132,7 +132,7 @@ def test_six_coils_are_driven_by_least_power_unless_the_scenario_or_the_map_says
 
 
 def test_free_bodies_lean_into_rest_where_they_must(written):
-    """Given a place beside the axis, the signals and the lean that hold the magnet there are found."""
+    """At a place off the axis, the signals and the tilt that hold the magnet there are found."""
     changes = {"body.turning": "free", "start.x_mm": 2.0, "start.y_mm": -1.0, "noise.off": True}
     rest = prepare(read_scenario(written(), changes)).operating_point
     np.testing.assert_allclose(rest.sensed[:2], [2e-3, -1e-3], atol=1e-12)
@@ -177,7 +177,7 @@ def test_a_reading_counts_from_the_axes_and_the_zero_of_the_sensor(written):
     ],
 )
 def test_the_metrics_of_a_step_end_where_the_next_begins(steps, written):
-    """Of two steps of 0.5 mm, followed by 0.5 (1 - exp(-t / T)): 10 % to 90 % take T ln 9."""
+    """Two steps of 0.5 mm, followed by 0.5 (1 - exp(-t / T)): 10 % to 90 % take T ln 9."""
     scenario = read_scenario(written(TEXT + steps))
     time, slow = np.arange(0.0, 1.0, 1e-3), 0.03
     true = 10.0 + sum(0.5 * (1.0 - np.exp(-np.maximum(time - at, 0.0) / slow)) for at in (0.2, 0.6))
@@ -189,7 +189,7 @@ def test_the_metrics_of_a_step_end_where_the_next_begins(steps, written):
 
 
 def test_a_step_is_measured_from_where_the_body_was(written):
-    """It lies 0.2 mm low, lower before, and comes to the reference: 10 % to 90 % of these 0.7 mm take T ln 9."""
+    """The body is 0.2 mm below the reference before the step, and reaches it after: these 0.7 mm take T ln 9."""
     scenario = read_scenario(written())
     time, slow = np.arange(0.0, 1.0, 1e-3), 0.03
     true = 9.8 - 0.3 * (time < 0.1) + 0.7 * (1.0 - np.exp(-np.maximum(time - 0.2, 0.0) / slow))
@@ -199,7 +199,7 @@ def test_a_step_is_measured_from_where_the_body_was(written):
 
 
 def wanted_by(written, kind, changes=None, **keys):
-    """What one reference of this kind asks for."""
+    """The references of a scenario with one reference of this kind."""
     piece = "".join(f"{name} = {json.dumps(value)}\n" for name, value in keys.items())
     text = TEXT[: TEXT.index("[[reference]]")] + f'[[reference]]\nkind = "{kind}"\n{piece}'
     return wanted_of(read_scenario(written(text), changes))
@@ -228,7 +228,7 @@ def test_references_are_what_they_are_called(written):
     changes = np.flatnonzero(np.diff(bits)) + 1
     assert changes.size > 5
     assert not (changes % 10).any()
-    # Of the 15 bits of a sequence of greatest length 8 are ones.
+    # A maximal sequence of 15 bits has 8 ones.
     assert np.count_nonzero(bits[:150]) == 8 * 10
     push = {"control.compensator.push_mm": 0.05, "control.compensator.duration_ms": 10.0}
     pushed = wanted_by(written, "step", push, axis="x", at_s=0.1, by_mm=0.1)
@@ -246,7 +246,7 @@ def test_a_reference_from_a_file(written, tmp_path):
     (tmp_path / "path.csv").write_text("t,x,y,depth\n0,0,0,10\n0.5,1,0,10\n1,1,1,11\n")
     path = wanted_by(written, "csv", file="path.csv")
     np.testing.assert_allclose(path[125], [0.5, 0.0, 10.0])
-    # Columns in another order and in other units, as their names say.
+    # The names of the columns give their order and units.
     (tmp_path / "path.csv").write_text("depth (cm);y_mm;x (m);t (ms);note\n1;0;0;0;1\n1;0;0,001;500;2\n")
     np.testing.assert_allclose(wanted_by(written, "csv", file="path.csv")[125], [0.5, 0.0, 10.0])
     for text, wheres in (

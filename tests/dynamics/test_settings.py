@@ -1,5 +1,4 @@
-"""What the tables of a scenario make: bodies, drives, held places, refusals by numbers of their own; and linear models
-in files."""
+"""The tables of a scenario: bodies, drives, held places, numerical limits; and linear models in files."""
 
 import json
 from dataclasses import replace
@@ -32,7 +31,7 @@ PAYLOAD = fm.Payload(0.02, magnet=fm.MagnetCylinder(0.01, 0.012, 1.2), magnet_of
 
 
 def test_a_body_of_its_keys():
-    """A cylinder of 12 x 40 mm, 5 mm of it below the magnet's centre, the centre of mass 2 mm above that."""
+    """A cylinder of 12 x 40 mm from 5 mm below the magnet's centre; the centre of mass is 2 mm above that centre."""
     body = BodySettings("upright", 0.006, 0.04, 0.005, 0.002, 0.009).body(PAYLOAD, None)
     assert body.upright
     np.testing.assert_allclose([body.magnet_at[2], body.seen_at[2]], [-0.002, 0.007])
@@ -86,7 +85,7 @@ def settings(control=None, **more):
 
 
 def test_places_and_outputs_that_are_held():
-    """A place that is stated is held; else the output of a constant controller, or zero."""
+    """A given place is held; otherwise the output of a constant controller, or zero."""
     place, outputs = settings().held()
     np.testing.assert_array_equal(place, [np.nan] * 3)
     np.testing.assert_array_equal(outputs, [np.nan, 0.3, 0.0])
@@ -178,7 +177,7 @@ def test_the_allocation_that_is_named_or_that_the_map_was_made_for(opened, alloc
 
 
 def test_a_map_is_looked_for_beside_the_scenario_and_among_the_maps(monkeypatch, tmp_path):
-    """Beside the scenario first, then in the working directory, then in maps/out, with its ending or without."""
+    """Next to the scenario first, then in the working directory, then in maps/out, with or without its ending."""
     monkeypatch.setattr(experiment, "open_map", lambda path, outside_currents: (path, outside_currents))
     monkeypatch.chdir(tmp_path)
     folder, out = tmp_path / "scenarios", tmp_path / "maps" / "out"
@@ -201,7 +200,7 @@ def test_a_map_is_looked_for_beside_the_scenario_and_among_the_maps(monkeypatch,
 @pytest.mark.parametrize("table", ["payload", "driver"])
 @pytest.mark.parametrize("named", [True, False])
 def test_a_device_without_magnet_or_amplifiers(monkeypatch, tmp_path, table, named):
-    """That the map recorded one is said where the scenario names none; a map of other coils is refused too."""
+    """If the device is the one recorded in the map, the remedy names a device file; a map of other coils is refused."""
     device = fm.read_device("drive_unit")
     monkeypatch.setattr(experiment, "sampled_field", lambda field: field)
     monkeypatch.setattr(experiment, "read_device", lambda path: bare)
@@ -266,7 +265,7 @@ def test_linear_models_at_depths(linear):
         known = point.loop.poles
         assert max(np.abs(known - z).min() for z in there) < 1e-9
         assert len(there) == (np.abs(known) > 1e-6).sum()
-    # The start alone unless depths are given.
+    # By default only the start.
     (alone,) = linear_points(linear.experiment)
     assert alone.depth_mm == 12.0
     assert linear.stable is all(point.loop.stable for point in linear.points)

@@ -1,4 +1,4 @@
-"""Bodies that act on each other: closed forms, the full solver, derivatives of the energy, motion, contacts."""
+"""Bodies that act on each other: closed forms, the full solver, energy gradients, motion, contacts."""
 
 import numpy as np
 import pytest
@@ -43,8 +43,8 @@ def uniform():
 
 
 def test_two_dipoles_in_empty_space(uniform):
-    """Yung, Landecker and Villani, Magn. Electr. Sep. 9 (1998) 39, with the unit vector between them; and action is
-    reaction, also of torques about one point."""
+    """Yung, Landecker and Villani, Magn. Electr. Sep. 9 (1998) 39, with the unit vector between the dipoles; action
+    equals reaction, for torques about a common point too."""
     moments = np.array([[0.3, -0.2, 0.9], [-0.5, 0.4, 0.1]])
     places = np.array([[0.004, -0.003, 0.001], [-0.006, 0.005, -0.008]])
     turns = Rotation.from_rotvec([[0.3, 0.2, -0.5], [-0.1, 0.7, 0.2]])
@@ -67,8 +67,8 @@ def test_two_dipoles_in_empty_space(uniform):
 
 @pytest.mark.parametrize("along", [0, 2])
 def test_two_soft_beads_in_a_uniform_field(uniform, along):
-    """m = c B / (1 - c s), s the field of one unit moment at the other: 2 mu0 / (4 pi r^3) along the line between them,
-    minus half of that across; F from the energy -c B^2 / (1 - c s) of both."""
+    """m = c B / (1 - c s), s the field of a unit moment at the other bead: 2 mu0 / (4 pi r^3) along the line between
+    them, minus half of that across; F from the energy -c B^2 / (1 - c s) of both."""
     radius, r, flux = 1.5e-3, 4e-3, 0.2
     bead = body(magnetic_body(fm.SoftSphere(2 * radius, mu_r=1e12)))
     places = np.zeros((2, 3))
@@ -85,7 +85,7 @@ def test_two_soft_beads_in_a_uniform_field(uniform, along):
 
 
 def test_soft_beads_that_overlap_are_refused(uniform):
-    """At a distance at which both would magnetise each other without end, c s > 1."""
+    """At c s > 1, where the mutual magnetisation diverges."""
     bead = body(magnetic_body(fm.SoftSphere(4e-3, mu_r=1e12)))
     several, states = SeveralBodies(uniform, (bead, bead)), [state_of([0, 0, 0]), state_of([0, 0, 2e-3])]
     with pytest.raises(NotConverged):
@@ -95,7 +95,7 @@ def test_soft_beads_that_overlap_are_refused(uniform):
 
 
 def bodies(saturating):
-    """A finite magnet, a bead, and a magnet with a bead beside it."""
+    """A finite magnet, a bead, and a magnet with a bead attached."""
     iron = {"material": fm.material("steel_a3")} if saturating else {"mu_r": 500.0}
     magnet, beside = fm.MagnetCylinder(3e-3, 4e-3, 1.2), fm.placed([3e-3, 0.0, 1e-3])
     pieces = [fm.PayloadPiece(magnet), fm.PayloadPiece(fm.SoftSphere(2e-3, **iron), beside)]
@@ -140,8 +140,8 @@ def test_one_body_alone_is_as_before(field):
 
 
 def test_force_on_two_magnets_as_bodies_of_the_device(file):
-    """The full solver with both meshed: each, and both together, which the iron's reaction to the other one changes by
-    6 %."""
+    """Against the full solver with both magnets meshed; the iron's reaction to the other magnet changes the sum by more
+    than 5 %."""
     device, field = fm.read_device("desk_levitator"), open_map(file)
     places = np.array([[-0.005, 0.0, -0.019], [0.005, 0.001, -0.0205]])
     parts = [
@@ -172,8 +172,8 @@ CEILING = Walls(ceiling=-0.02, restitution=1.0, friction=0.0)
 
 
 def test_energy_is_kept_for_ten_seconds(file):
-    """Two magnets swing and turn on a smooth ceiling below the core, which draws them to its axis while they push each
-    other away. The ceiling is touched by their centres, and its spring is never left."""
+    """Two magnets swing and turn on a smooth ceiling below the core, which attracts them to its axis while they repel
+    each other. Their centres touch the ceiling all the time."""
     mass, radius, current = 0.107e-3, 1.5e-3, 2.0
     one = body(magnetic_body(BALL, 1), mass, 0.4 * mass * radius**2, skin=np.zeros((1, 3)))
     several = SeveralBodies(open_map(file, kind="hermite"), (one, one), walls=CEILING)
@@ -196,7 +196,7 @@ def test_energy_is_kept_for_ten_seconds(file):
     kinetic = 0.5 * mass * (run.states[:, :, 3:6] ** 2).sum(axis=(1, 2))
     kinetic += 0.5 * one.inertia[0] * (run.states[:, :, 10:] ** 2).sum(axis=(1, 2))
     assert np.abs(total - total[0]).max() < 1e-6 * np.ptp(kinetic)
-    # They swing: over the axis and back, tilted, and nearer to each other than 12 mm.
+    # They swing across the axis and back, and come closer than 12 mm to each other.
     assert (np.ptp(places[:, :, 0], axis=0) > 0.01).all()
     assert np.linalg.norm(places[:, 0] - places[:, 1], axis=1).min() < 0.012
 
@@ -221,7 +221,7 @@ def test_one_body_moves_as_it_does_alone(file):
 
 
 def test_drag_along_the_axes_of_each_body(uniform):
-    """Two bodies that are turned differently move as each alone."""
+    """Two bodies of different orientation move as each does alone."""
     drag = Drag(body_linear=(0.1, 0.0, 0.3), turning=(1e-7, 0.0, 3e-7))
     start = [
         state_of([0.01, 0, 0], (0.1, 0.2, 0.3), (1, 0.5, 0, 0), (9, 0, 5)),
@@ -235,7 +235,7 @@ def test_drag_along_the_axes_of_each_body(uniform):
 
 
 def colliding(uniform, velocities, spin=(0, 0, 0), masses=(1e-3, 3e-3), **walls):
-    """Two balls of radius 2 mm that meet along x, without magnets; momenta before and after."""
+    """The states before and after two balls of radius 2 mm, without magnets, collide along x; and the bodies."""
     pair = [body(NONE, mass, 2e-9 * (1e3 * mass), gravity=0.0) for mass in masses]
     several = SeveralBodies(uniform, pair, walls=Walls(contact_time=1e-3, **walls), radii=[2e-3, 2e-3])
     start = np.array([state_of([-3e-3, 0, 0], velocities[0], (1, 0, 0, 0), spin), state_of([3e-3, 0, 0])])
@@ -251,7 +251,7 @@ def test_balls_bounce(uniform, restitution):
     before, after, pair = colliding(
         uniform, [(0.3, 0, 0), (-0.1, 0, 0)], restitution=restitution, friction=0.0
     )
-    # The distance, with the reduced mass on a damped spring that does not pull: docs/theory/dynamics.md (19), (20).
+    # The reduced mass on a damped spring that only pushes: docs/theory/dynamics.md (19), (20).
     share, rate = -np.log(restitution) / np.pi, np.pi / 1e-3
 
     def slope(_, y):
@@ -292,7 +292,7 @@ def test_a_body_without_radius_touches_no_other(uniform):
 
 
 def test_a_controller_is_asked_once_a_sample(uniform):
-    """A moment across the field of 1 T/A turns by its currents, which flow until the next sample."""
+    """A moment across the field of 1 T/A turns by the controller's currents, each held until the next sample."""
     one, asked = dipole([1.0, 0.0, 0.0]), []
     start, currents = [state_of([0, 0, 0]), state_of([0.01, 0, 0])], [1e-3, -2e-3, 0.0]
 
@@ -306,7 +306,7 @@ def test_a_controller_is_asked_once_a_sample(uniform):
     assert [time for time, _ in asked] == pytest.approx([0.0, 2e-3, 4e-3])
     np.testing.assert_array_equal([states for _, states in asked], run.states[:3])
     np.testing.assert_allclose(run.currents[:, 0], [1e-3, -2e-3, 0.0, 0.0])
-    # m x B turns it about -y: by 1e-3 N m over 1e-6 kg m^2 for 2 ms, then twice as fast back.
+    # m x B turns the moment about -y: 1e-3 N m over 1e-6 kg m^2 for 2 ms, then twice as fast back.
     np.testing.assert_allclose(run.states[:, 0, 11], [0.0, -2.0, 2.0, 2.0], atol=1e-2)
 
 

@@ -1,4 +1,4 @@
-"""Beads of soft iron in motion: the compiled force, a bead held under coils, scenarios, and what they rest on."""
+"""Beads of soft iron in motion: the compiled force, a bead held under coils, scenarios, and assumptions."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from fieldmap.sources import CoilSet
 from tests.conftest import DEVICES
 from tests.dynamics.machines import machine_in
 
-# Of the shipped scenario of a bead: five coils, sooner and smaller steps, no noise.
+# The shipped scenario of a bead: five coils, with earlier and smaller steps and no noise.
 STEPS = {
     "duration_s": 1.0,
     "drag.linear_N_s_per_m": [1e-4, 1e-4, 1e-4],
@@ -67,7 +67,7 @@ def test_compiled_force_and_energy_are_those_of_the_body(five):
 def test_a_bead_is_held_and_moved_by_the_shipped_regulator(five):
     device, field = five
     experiment = prepare(read_scenario("bead", STEPS), field, device)
-    # Carried by least power, as the inverse of the map says it.
+    # The lift is of least power, by the inverse of the map.
     point, bead = experiment.operating_point, magnetic_body(device.payload)
     load = field.wrench(point.state[:3], bead, point.currents)
     np.testing.assert_allclose(load[:3], [0.0, 0.0, 0.263e-3 * 9.80665], atol=1e-6 * 2.6e-3)

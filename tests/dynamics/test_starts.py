@@ -1,4 +1,4 @@
-"""Where scenarios begin: currents, heights and limits by made-up maps; states turned by made-up deviations."""
+"""Where scenarios begin: currents, heights and limits in made-up maps; states with made-up deviations."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -24,7 +24,7 @@ LOWER, UPPER = np.array([-0.01, -0.01, -0.1434567]), np.array([0.01, 0.02, 0.003
 
 
 def balance(currents, along=1.0, upright=False, **more):
-    """What a start asks of a `WeightBalance`: these currents at a place, in a field along the z axis."""
+    """A stand-in for `WeightBalance` with these currents at a place, in a field along the z axis."""
     field = {
         "lower": LOWER,
         "upper": UPPER,
@@ -52,13 +52,13 @@ def test_a_body_that_sticks_out_of_the_map_is_told():
         carrying(balance(currents), np.zeros(3), "here")
     with refused(ScenarioError, where="here"):
         easy_height(balance(currents), 0.0, 0.0, "here")
-    # Heights at which it fits are left.
+    # The remaining heights, at which the body fits, are used.
     fits = balance(lambda place: currents(place) if place[2] > -0.1 else np.ones(2))
     assert -0.11 < easy_height(fits, 0.0, 0.0, "here") < -0.1
 
 
 def test_the_height_of_a_start_is_the_nearest_to_the_middle_that_takes_half_of_the_currents():
-    """4 and 5 A last upward, 2 and 3 A downward; what a height takes grows with its distance from -60 mm."""
+    """Limits are 4 and 5 A upward, 2 and 3 A downward; the current grows with the distance from -60 mm."""
 
     def needing(amperes, lowest=-0.115):
         def currents(place):
@@ -70,8 +70,8 @@ def test_the_height_of_a_start_is_the_nearest_to_the_middle_that_takes_half_of_t
         return currents
 
     assert easy_height(balance(needing(0.0)), 0.0, 0.0, "") == pytest.approx(-0.07)
-    # Twenty-one heights over nine tenths of the box. The worse of |i| / 4 and |i| / 3 above -60 mm, of |i| / 2 and
-    # |i| / 5 below: half at 5 mm above, 3.3 mm below.
+    # Twenty-one heights over nine tenths of the box. The larger of |i| / 4 and |i| / 3 above -60 mm, of |i| / 2 and
+    # |i| / 5 below, is a half at 5 mm above and 3.3 mm below.
     room = 0.05 * (UPPER[2] - LOWER[2])
     heights = np.linspace(LOWER[2] + room, UPPER[2] - room, 21)
     share = np.where(heights > -0.06, 1.0 / 3.0, 1.0 / 2.0) * np.abs(heights + 0.06) * 300
@@ -81,25 +81,25 @@ def test_the_height_of_a_start_is_the_nearest_to_the_middle_that_takes_half_of_t
     )
     least = heights[np.abs(heights + 0.06).argmin()]
     assert easy_height(balance(needing(100.0)), 0.0, 0.0, "") == pytest.approx(least)
-    # Where no height is possible, the one of which most of the weight is carried tells why.
+    # If no height is possible, the message is about the height with the largest share of the weight.
     with refused(Infeasible, where="here", received=f"{0.5 + heights[-1]:.4f}"):
         easy_height(balance(needing(1.0, lowest=1.0)), 0.0, 0.0, "here")
 
 
 @pytest.mark.parametrize(("upright", "expected"), [(False, -0.02), (True, -0.07)])
 def test_a_body_that_may_turn_begins_where_the_field_points_along_its_moment(upright, expected):
-    """Everywhere it is carried easily; the field points up above -25 mm."""
+    """The current is small at every height; the field points up above -25 mm."""
     one = balance(lambda _: np.array([0.1, 0.1]), upright=upright)
     one.field.field = lambda place, _: np.array([0.0, 0.0, place[2] + 0.025])
     spacing = 0.9 * (UPPER[2] - LOWER[2]) / 20
     assert easy_height(one, 0.0, 0.0, "") == pytest.approx(expected, abs=spacing)
-    # Where it does so nowhere, the easy height nearest to the middle is left.
+    # If the field points up nowhere, the height nearest to the middle is used.
     one.field.field = lambda *_: np.array([0.0, 0.0, -1.0])
     assert easy_height(one, 0.0, 0.0, "") == pytest.approx(-0.07)
 
 
 def test_the_scale_of_the_signals():
-    """The largest current over the gain; beside magnets that of the weight alone."""
+    """The largest current over the gain; with fixed magnets the current for the weight alone."""
     force = np.array([[0.05, -0.05], [0.0, 0.0], [0.1, 0.1]])
     about = {"force_per_ampere": lambda *_: force, "weight": 0.098}
     one = SimpleNamespace(field=SimpleNamespace(fixed_sources=()), **about)
@@ -115,7 +115,7 @@ def test_the_scale_of_the_signals():
 
 
 def test_the_outputs_nearest_to_voltages():
-    """Those of a division are its signals; a matrix has more voltages than outputs, and an idle signal."""
+    """A division gives back its signals; a matrix has more voltages than outputs, and an idle signal."""
     of_division = lift_and_directions(1.25)
     outputs = np.array([1.3, 0.2, -0.1])
     np.testing.assert_allclose(of_division.nearest(of_division.voltages(outputs)), outputs, atol=1e-12)
@@ -123,7 +123,7 @@ def test_the_outputs_nearest_to_voltages():
         np.array([[1.0, 0.5, 0.0], [0.5, -1.0, 0.0], [0.2, 0.0, 0.0]]), np.array([0.3, 0.0, 0.0])
     )
     np.testing.assert_allclose(matrix.nearest(matrix.voltages(outputs)), [1.3, 0.2, 0.0], atol=1e-12)
-    # What no outputs give is left: (0.2, 0.1, -1.25) is at right angles to both columns.
+    # (0.2, 0.1, -1.25) is orthogonal to both columns, so no output produces it.
     aside = matrix.voltages(outputs) + np.array([0.2, 0.1, -1.25])
     np.testing.assert_allclose(matrix.nearest(aside), [1.3, 0.2, 0.0], atol=1e-12)
 
@@ -145,7 +145,7 @@ def test_heights_are_solved_from_the_nearest_that_is_known(monkeypatch):
 
 
 def test_a_deviation_turns_a_state_about_the_bodys_own_axes():
-    """SciPy's rotations, of a state that is turned already; and the order of places, velocities and spins."""
+    """By SciPy's rotations, for a rotated state; and the order of places, velocities and spins."""
     before, turn = Rotation.from_rotvec([0.5, -0.3, 0.8]), np.array([0.2, 0.4, -0.9])
     state = state_of([1.0, 2.0, 3.0], [4.0, 5.0, 6.0], before.as_quat(scalar_first=True), [7.0, 8.0, 9.0])
     names = ("y", "turn_x", "turn_y", "turn_z", "velocity_x", "velocity_z", "angular_velocity_z", "i1")
@@ -161,7 +161,7 @@ def test_a_deviation_turns_a_state_about_the_bodys_own_axes():
 
 @pytest.mark.parametrize(("slope", "step"), [(0.9e-2, True), (1.1e-2, False)])
 def test_a_step_over_zero_is_told_from_a_fold(slope, step):
-    """By a slope that is 1 it would vanish within 0.01; of two unknowns, of which the second is at rest."""
+    """With slope 1 the residual would vanish within 0.01; the second of two unknowns is at rest."""
     assert is_step(lambda x: np.array([x[0] + slope, 2.0 * x[1]]), np.zeros(2)) is step
     assert not is_step(lambda x: np.array([0.0 * x[0], 1.0]), np.zeros(2))
 
@@ -169,7 +169,7 @@ def test_a_step_over_zero_is_told_from_a_fold(slope, step):
 def test_each_axis_has_its_controller_and_its_unit():
     point = SimpleNamespace(sensed=np.array([0.001, 0.002, -0.09]), outputs=np.array([3.0, 0.1, -0.2]))
     block = _of_axes((Pid(2.0), Pid(3.0), Pid(5.0)), point, 2e-3, 0.077)
-    # Lift, x and y by their references: per mm, and the depth downward.
+    # Lift, x and y from their references, per mm; depth counts downward.
     np.testing.assert_allclose(block.D[:, :3], 1e3 * np.array([[0, 0, 2.0], [3.0, 0, 0], [0, 5.0, 0]]))
     np.testing.assert_allclose(block.D[:, 3:6], -block.D[:, :3])
     three = (Constant(1.5), None, Constant(None))

@@ -31,8 +31,7 @@ def test_quadratic_drag_along_an_axis_of_a_body_that_lies(axial):
 
 
 def test_linear_drag_falls_towards_its_terminal_speed(axial):
-    """The body's y axis points up: of its three coefficients the second alone slows the fall, and of the map's the
-    third."""
+    """The body's y axis points up: only its second coefficient, and the map's third, slow the fall."""
     lying = [np.cos(np.pi / 4), np.sin(np.pi / 4), 0.0, 0.0]
     for drag, resistance in (
         (Drag(body_linear=(9.0, 0.05, 7.0)), 0.05),
@@ -73,7 +72,7 @@ def test_a_bounce_has_the_restitution_that_was_asked_for(axial, restitution):
     start = state_of([0, 0, 0], [0.0, 0.0, -0.5])
     run = move(still, body, start, 0.06, 1e-5, walls=walls)
     assert run.touched
-    # The spring-damper's rebound without sticking: the wall does not pull, so it lets go a little earlier.
+    # The wall does not pull, so the body leaves the spring-damper a little earlier than half a period.
     assert abs(run.states[-1, 5] - 0.5 * restitution) < 0.08
     assert run.states[:, 2].min() > -0.011
 
@@ -109,13 +108,13 @@ def rayleigh(plate, place, m, v, spin):
 
 
 def loss_in_layer(m, v, rate, height):
-    """Power in a thin layer per conductance, W ohm, by quadrature of |E|^2 over the plane.
+    """Dissipated power per conductance in a thin layer, W ohm, by quadrature of |E|^2 over the plane.
 
-    A charge above a plane has the normal flux density del^2 W with W = (mu0 / 4 pi) ln(R + z): so E is tangential, free
-    of sources, E = -z x grad dW/dt, and a dipole's W is (m . d/dsource) of it. Derivatives by central differences.
+    A charge above a plane has the normal flux density del^2 W with W = (mu0 / 4 pi) ln(R + z), so E is tangential and
+    free of sources, E = -z x grad dW/dt. A dipole's W is (m . d/dsource) W. Derivatives by central differences.
     """
     eps = 2e-3 * height
-    # Polar points: radius by a rational map of Gauss points, angle evenly.
+    # Polar grid: Gauss points mapped rationally to the radius, equidistant angles.
     t, wt = np.polynomial.legendre.leggauss(60)
     t, wt = 0.5 * (t + 1), 0.5 * wt
     r, wr = height * t / (1 - t), height * wt / (1 - t) ** 2
@@ -123,7 +122,7 @@ def loss_in_layer(m, v, rate, height):
     x, y = np.outer(r, np.cos(angle)), np.outer(r, np.sin(angle))
 
     def w(s):
-        """At displacement s (3,) of the source."""
+        """W for the source displaced by s (3,)."""
         dx, dy, dz = x - s[0], y - s[1], height + s[2]
         return MU0 / (4 * np.pi) * np.log(np.sqrt(dx**2 + dy**2 + dz**2) + dz)
 
@@ -144,7 +143,7 @@ def loss_in_layer(m, v, rate, height):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_what_the_plate_takes_is_what_it_heats(seed):
-    """-F . v - T . spin against the loss by quadrature of the field in the plane, any moment, motion and turning."""
+    """-F . v - T . spin against the loss by quadrature of the field in the plane; random moment, velocity, spin."""
     rng = np.random.default_rng(seed)
     m, v, spin = rng.normal(size=3), rng.normal(size=3), rng.normal(size=3) / HEIGHT
     thin = Plate(SIGMA, 1e-6 * HEIGHT, (0, 0, 0))
@@ -186,7 +185,7 @@ def test_an_upright_dipole_is_damped_twice_as_much_upward_as_sideways():
 
 
 def test_a_half_space_goes_with_the_inverse_cube_and_a_sheet_with_the_fourth_power():
-    """mu0^2 m^2 sigma / (128 pi h^3) for a half space, from the sheet's by integration over the depth."""
+    """mu0^2 m^2 sigma / (128 pi h^3) for a half space, from the sheet's integrated over the depth."""
     half = Plate(SIGMA, np.inf, (0, 0, 0))
     sheet = Plate(SIGMA, 1e-7, (0, 0, 0))
     one, two = (
@@ -206,7 +205,7 @@ def test_layers_add_up():
 
 
 def test_a_falling_magnet_ends_at_the_speed_that_the_plate_allows(axial):
-    """In a uniform field, above so good a conductor that it hardly moves: m g / damping."""
+    """m g / damping, in a uniform field above a very good conductor, which makes the fall slow."""
     body = RigidBody(0.01, [1e-5] * 3, axial.dipole(MOMENT))
     uniform = axial.map((0.05, 0.0, 0.0), half=0.05).at([1.0])
     plate = Plate(3.5e11, np.inf, (0, 0, -0.06))

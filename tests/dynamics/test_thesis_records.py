@@ -1,4 +1,4 @@
-"""The records of chapters 5 and 6 on a map made up, identified: against the linear machine and its statics."""
+"""The records of chapters 5 and 6 on a made-up map: identified models against the linear machine and its statics."""
 
 import numpy as np
 import pytest
@@ -35,18 +35,18 @@ def test_identified_poles_are_those_of_the_linear_machine(six, records):
         changes = {**changes_of((Kc, inputs["Ti"], inputs["Td"])), "start.depth_mm": 8.0}
         (point,) = linear_points(prepare(read_scenario("vertical_step", changes), six))
         vertical = point.loop.poles[np.abs(point.loop.poles) < 0.999]
-        # Real poles are overdamped. A record does not tell them from the magnet's undamped motion sideways.
+        # Real poles are overdamped. A record does not distinguish them from the magnet's undamped sideways motion.
         if np.abs(vertical.imag).max() > 1e-6:
             compared += 1
             assert np.abs(vertical - pair).min() < 2e-3
     assert compared == 2
-    # PID's derivative acts on the measurement or the error, but its integrator's zero stays: 1 - Ts/Ti and slower.
-    # At the largest gain the record has too little of the slow decay to tell.
+    # The PID's derivative acts on measurement or error, but its integrator's zero stays: 1 - Ts/Ti and slower poles.
+    # At the largest gain the record contains too little of the slow decay.
     np.testing.assert_allclose(numbers["zero"][1:], 1 - 2e-3 / 0.42, atol=2e-3)
 
 
 def test_integral_times_scale_as_the_gains_at_rest(six, records):
-    """Slow loops: what counts is Kc/Ti times the gain at rest, 15.6 mm per unit for (6-8)."""
+    """In slow loops Kc/Ti times the static gain, 15.6 mm per unit for (6-8), sets the integral time."""
     inputs, numbers = records(horizontal_records, "S17_records")
     changes = {"start.depth_mm": 10.0, "control.y.output": 0.0}
     places = [
@@ -63,7 +63,7 @@ def test_integral_times_scale_as_the_gains_at_rest(six, records):
 
 
 def test_estimated_states_are_the_states():
-    """Nothing disturbs and both begin at rest: the estimator then errs nowhere."""
+    """Without disturbances and from rest, the estimator has no error."""
     model = StateSpace(
         np.array([[-44.94, 248.3], [1.0, 0.0]]), np.array([[1.0], [0.0]]), np.array([[-15.63, -50.97]]), None
     )

@@ -1,5 +1,5 @@
-"""The rows of the coupled loop on a map made up: six dipoles below which nothing saturates. What must hold on any such
-machine, and what its own statics and the closed forms of its loops predict."""
+"""The results of the coupled loop on a made-up map of six dipoles without saturation: properties of any such machine,
+and predictions of its statics and of closed forms of its loops."""
 
 from types import SimpleNamespace
 
@@ -18,8 +18,8 @@ SENSOR_MM, SIDEWAYS_MM = 0.0104, 0.00706
 
 @pytest.fixture
 def answers(six, legible):
-    """The answers of a part of S18 or S19 on this map, with inputs of its data file or others; the first of its figures
-    is looked at."""
+    """The results of a part of S18 or S19 on this map, with inputs of its data file or given ones; the first figures of
+    the part are checked."""
 
     def compute(part, figures=1, **inputs):
         printed = read_part(part)
@@ -45,7 +45,7 @@ def test_all_figures_are_legible(answers, part):
 
 
 def shift_per_signal(six, depth_mm):
-    """mm per unit of the x and of the y signal about the axis, from where the machine rests at small signals."""
+    """mm per unit of the x and the y signal about the axis, from the machine's rest at small signals."""
     places = []
     for signal in (0.005, -0.005):
         changes = {"start.depth_mm": depth_mm, "control.x.output": signal, "control.y.output": signal}
@@ -57,7 +57,7 @@ def test_table_7_1(answers):
     row = answers("S18_vertical")
     assert 0.03 < row.rise_time < row.time_to_reference < row.peak_time < row.settling_time < 1.5
     assert 15 < row.overshoot < 60
-    # What is seen at rest is the sensor's noise and what the loop makes of it.
+    # The RMS at rest is the sensor noise and the response of the loop to this noise.
     assert SENSOR_MM * 0.95 < row.rms_at_rest < 2 * SENSOR_MM
     column = [row.peak_time, row.rise_time, row.settling_time, row.overshoot, row.rms_at_rest]
     np.testing.assert_array_equal(row.setup_of_30, column)
@@ -93,7 +93,7 @@ def test_sway_and_block(answers):
 
 
 def test_the_block_damps_the_sway_as_its_formula_says(six):
-    """The decay of an open-loop swing without and with the block: (drag + block) / 2 m against the peaks."""
+    """Decay of an open-loop swing without and with the block: (drag + block) / 2 m against the peaks."""
     mass, place = 0.01119, np.array([0.0, 0.0, -0.102])
     block = Plate(3.5e7, 0.05, (0.0, 0.0, -0.109)).damping(tuple(place), (0.0, 0.0, 0.8126))[0, 0]
     changes = {"start.shift_mm": [0.5, 0.0, 0.0], "signal.0.by": 0.0, "noise.off": True, "duration_s": 3.0}
@@ -107,13 +107,13 @@ def test_the_block_damps_the_sway_as_its_formula_says(six):
 
 
 def _rate(run):
-    """rad/s of a swing that hardly decays, from its zeros."""
+    """rad/s of a lightly damped swing, from its zeros."""
     zeros = run.time[np.flatnonzero(np.diff(np.sign(run.sensed[:, 0])))]
     return np.pi / np.diff(zeros).mean()
 
 
 def _decay(x, time):
-    """1/s, of the envelope: from the peaks of a swing, or of the slow end where there are none."""
+    """Decay rate of the envelope, 1/s: from the peaks of a swing, or from the slow end if there are none."""
     size = np.abs(x)
     peaks = np.flatnonzero((size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:])) + 1
     if len(peaks) < 3:
@@ -174,7 +174,7 @@ def test_circles_lag_as_their_slow_loop_says_and_keep_the_height_without_saturat
     assert row.growth == pytest.approx(1.0, abs=0.1)
     assert row.vertical_rms == pytest.approx(np.full(3, row.rms_at_rest), rel=0.1)
     np.testing.assert_allclose(row.speed, [0.08, 0.48], rtol=1e-12)
-    # So slow, the plant is its statics: T = k C / (1 + k C), C = Kc (1 + 1 / (Ti s)).
+    # At this speed the plant is its statics: T = k C / (1 + k C), C = Kc (1 + 1 / (Ti s)).
     for k, rate in ((0, 0.16), (2, 0.0502)):
         loop = shift_per_signal(six, 11.0)[0] * 0.025 * (1 + 1 / (0.36j * rate))
         expected = -np.rad2deg(np.angle(loop / (1 + loop)))

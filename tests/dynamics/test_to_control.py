@@ -1,4 +1,4 @@
-"""Linear machines in python-control: its poles and responses are ours, of the linear models and of the simulator."""
+"""Linear machines in python-control have the poles and responses of the linear models and of the simulator."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ def test_poles_and_names(linear):
 
 
 def test_step_responses_are_those_of_the_sampled_machine(linear):
-    """Each input to each output; between samples the input is held, so that both are exact."""
+    """From each input to each output; the input is held between samples, so both are exact."""
     count = 100
     time = PERIOD * np.arange(count)
     steps = reference.step_response(linear.to_control(), time).outputs
@@ -69,7 +69,7 @@ def test_step_responses_are_those_of_the_sampled_machine(linear):
 
 
 def test_the_loop_follows_a_reference_as_the_simulator_does(experiment, linear):
-    """A step of all three references, 20 um and half of that: the difference falls with its square."""
+    """A step of all three references by 20 um, and by half of that: the difference falls with the square."""
     loop = close_loop(linear, experiment.controller, experiment.schedule)
     system = loop.to_control()
     assert system.dt == loop.period

@@ -21,8 +21,8 @@ def numbers(margins):
 
 @pytest.mark.parametrize("sensors", [{}, {"sensors.scan_rate_Hz": 1200.0, "sensors.averages": 4}])
 def test_margins_of_one_axis_are_those_of_the_machine(written, sensors):
-    """Six dipoles on a circle: on the axis of the circle the directions do not know each other. Scans that the loop has
-    at its samples, and at all moments between them, differ a little."""
+    """On the axis of six dipoles on a circle the directions are decoupled. The loop has scans at its samples, while
+    tuning averages over all moments between them, which differs a little."""
     found = tune_axes(written(), ("z", "x", "y"), sensors, **ASKED)
     assert found.point.loop.stable
     for axis, of_machine in zip("zxy", found.point.margins, strict=True):
@@ -34,8 +34,8 @@ def test_margins_of_one_axis_are_those_of_the_machine(written, sensors):
 
 
 def test_the_keys_are_what_changes_the_controllers(written):
-    """The depth grows downward and acts on minus the error in scenarios; limits of the file stay, and of a PID all but
-    what is tuned."""
+    """Depth counts downward and acts on minus the error in scenarios. Limits of the file stay, and of a PID all keys
+    that are not tuned."""
     regulator = {
         "kind": "regulator",
         "A": [[0.0, 1.0], [1.0, 0.0]],
@@ -61,7 +61,7 @@ def test_the_keys_are_what_changes_the_controllers(written):
 
 
 def test_the_machine_swings_beyond_its_margin_and_not_before(written):
-    """Noise-free, a step of 20 um, with the gain near the upper margin: at the last it dies away, or has grown."""
+    """Without noise, a step of 20 um with the gain near the upper margin either decays or grows by the end."""
     path = written()
     found = tune_axes(path, ("z",), {"control.z.upper": 20.0}, **ASKED)
     up = found.axes["z"].margins.gain_up

@@ -1,4 +1,4 @@
-"""Where runs begin: currents of least power that carry the body of a machine, by closed forms and other optimisers."""
+"""Starts of runs: currents of least power that carry the body, by closed forms and other optimisers."""
 
 from dataclasses import replace
 
@@ -32,13 +32,13 @@ from tests.refusals import refused
 
 GRAVITY = 9.80665
 BODY = RigidBody(6e-3, np.full(3, 2e-7), FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, 0.8]])))
-# Constant outputs in the place of a regulator.
+# Constant outputs instead of a regulator.
 AXES = {"control.coupled": None} | {f"control.{axis}": {"kind": "constant"} for axis in "xyz"}
 WIDE = np.full(6, -1e3), np.full(6, 1e3)
 
 
 def slope_on_axis(distance, inner=10.5e-3, outer=20e-3, length=60e-3, turns=300):
-    """dB/dz, T/(m A), on the axis of a winding, from its middle."""
+    """dB/dz, T/(m A), on the axis of a winding; `distance` from its middle."""
 
     def flux(z):
         ends = [z + length / 2, z - length / 2]
@@ -55,13 +55,13 @@ def planar():
 
 
 def test_five_coils_around_a_bead_begin_with_currents_of_both_signs(planar):
-    """The coil below lifts by its slope s, those beside it push down by half of it each, because div B = 0: of least
-    power they take w / (2 m s) and -w / (4 m s)."""
+    """The coil below lifts with slope s, the side coils push down with half of it, because div B = 0: least power gives
+    w / (2 m s) and -w / (4 m s)."""
     device, field = planar
     moment = device.payload.moment
     below = device.payload.mass * GRAVITY / (2 * moment * abs(slope_on_axis(58e-3)))
     expected = below * np.array([-0.5, -0.5, -0.5, -0.5, 1.0])
-    # Without a depth the program begins in the middle of this map; upright, because there the field is against it.
+    # Without a depth the start is the middle of this map; upright, because the field there is opposite to the moment.
     for given in ({"start.depth_mm": 0.0}, {"body.turning": "upright"}):
         experiment = prepare(read_scenario("hold", AXES | given), field, device)
         np.testing.assert_allclose(experiment.currents, expected, rtol=1e-3)
@@ -97,7 +97,7 @@ rotation_deg = [180, 0, 0]
 
 
 def test_so_they_do_with_cores_that_saturate(tmp_path):
-    """The force at the start by the solver, without the map; and a run that stays."""
+    """Against the solver's force at the start, without the map; and the run stays."""
     path = tmp_path / "planar.toml"
     path.write_text((DEVICES / "planar_five.toml").read_text() + CORES)
     device = fm.read_device(path)
@@ -117,7 +117,7 @@ def test_so_they_do_with_cores_that_saturate(tmp_path):
 
 @pytest.mark.parametrize(("height", "sign"), [(-50e-3, 1.0), (50e-3, -1.0)], ids=["hangs", "stands"])
 def test_one_coil_carries_from_above_and_from_below(height, sign):
-    """A coil above pulls, one below pushes, the moment up in both: w / (m s) either way."""
+    """A coil above pulls, a coil below pushes, with the moment up: w / (m s) in both cases."""
     device = fm.read_device(DEVICES / "planar_five.toml")
     coil = replace(device.coils[4], placement=fm.placed([0.0, 0.0, 0.0]))
     box = np.array([[-5e-3, -5e-3, height - 5e-3], [5e-3, 5e-3, height + 5e-3]])
@@ -130,8 +130,8 @@ def test_one_coil_carries_from_above_and_from_below(height, sign):
 
 @pytest.mark.parametrize("scale", [1.0, 0.6])
 def test_saturating_iron_takes_no_more_than_another_optimiser_finds(scale):
-    """SLSQP from several starts, and the condition of an optimum: currents along the slope of the lift. Of this map,
-    whose fields have one axis, the coils push along z alone."""
+    """SLSQP from several starts, and the condition of an optimum: currents along the gradient of the lift. The fields
+    of this map have one axis, so the coils push along z alone."""
     field = saturating_map(free=True)
     body = replace(BODY, mass=0.01)
     place, moment = np.array([2e-3, -1e-3, 3e-3]), scale * np.array([0.0, 0.0, 0.8])
@@ -163,7 +163,7 @@ def bead_and_magnet(mass):
 @pytest.mark.parametrize("scale", [1.0, 0.5])
 @pytest.mark.parametrize("iron", ["air", "saturating"])
 def test_soft_iron_beside_a_magnet_is_carried_as_the_simulated_machine_feels_it(iron, scale):
-    """The load of the compiled machine, whose field the scale multiplies. Soft iron feels its square, a magnet not."""
+    """Against the load of the compiled machine. The scale of the field acts squared on soft iron, once on a magnet."""
     if iron == "air":
         device = fm.read_device(DEVICES / "five_coils_above_a_bead.toml")
         field = sampled_field(CoilSet(device.coils, device.bounds), 1.5e-3)
@@ -186,7 +186,7 @@ def test_soft_iron_beside_a_magnet_is_carried_as_the_simulated_machine_feels_it(
         assert machine.load(state_of(np.subtract(place, body.magnet_at)), load) == (0, 0)
         return load[:3]
 
-    # In the map of iron nothing pushes sideways.
+    # The fields of the map of iron have no sideways force.
     pushed = [2] if iron == "saturating" else [0, 1, 2]
     np.testing.assert_allclose(force(currents)[pushed], 0.0, atol=1e-4 * balance.weight)
     step = 1e-3 * np.abs(currents).max()
@@ -212,8 +212,8 @@ def lift_of_dipoles(places, moment, height=-0.1):
 
 
 def test_an_axis_along_which_nothing_pushes_asks_for_nothing(dipole_map, tmp_path):
-    """Three coils in a row along x, one of them a micrometre aside: to forbid the force along y, ten thousand times
-    weaker, would fix what each coil lifts."""
+    """Three coils in a row along x, one of them 1 um off it: forbidding the force along y, ten thousand times weaker,
+    would determine the lift of each coil."""
     places = np.array([[-0.04, 0.0], [0.0, 1e-6], [0.04, 0.0]])
     opened, at = dipoles(dipole_map, places, tmp_path)
     found = WeightBalance(opened, BODY, (WIDE[0][:3], WIDE[1][:3])).currents([0.0, 0.0, -0.1])
@@ -228,12 +228,12 @@ def test_what_a_coil_may_not_take_the_others_take(dipole_map, tmp_path):
     free = WeightBalance(opened, BODY, (WIDE[0][:4], WIDE[1][:4])).currents([0.0, 0.0, -0.1])
     high = np.array([0.5, 1e3, 1e3, 1e3]) * free[0]
     found = WeightBalance(opened, BODY, (-high, high)).currents([0.0, 0.0, -0.1])
-    # Of the limits a tenth is left for control.
+    # A tenth of each limit is reserved for control.
     np.testing.assert_allclose(found / free[0], [0.45, 1.55, 0.45, 1.55], rtol=1e-3)
     np.testing.assert_allclose(
         lift_of_dipoles(at, 0.8) @ found, [0, 0, BODY.mass * GRAVITY], atol=1e-4 * 6e-2
     )
-    # That tenth is given where it is needed; beyond it the message tells what is carried.
+    # The reserved tenth is used where needed; beyond it the message names the share carried.
     narrow = np.full(4, 1.05 * free[0])
     np.testing.assert_allclose(
         WeightBalance(opened, BODY, (-narrow, narrow)).currents([0, 0, -0.1]), free, rtol=1e-6
@@ -263,7 +263,7 @@ def test_a_map_beside_the_origin_begins_in_its_own_middle(planar):
     point = prepare(read_scenario("hold", AXES), field, aside).operating_point
     np.testing.assert_allclose(point.sensed, [0.05, -0.03, -0.055], atol=1e-5)
     heavy = replace(aside, payload=replace(device.payload, mass=1.0))
-    # Nobody wrote a key of the start.
+    # No key of the start is given.
     with refused(Infeasible, where=": the start"):
         prepare(read_scenario("hold", AXES), field, heavy)
     with refused(Infeasible, where=": start"):

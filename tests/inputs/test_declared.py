@@ -1,4 +1,4 @@
-"""Records that people write: what follows from one declared field."""
+"""Records that users write: tables and values that follow from one declared field."""
 
 import warnings
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Arithmetic in files: values against Python's own, and texts that must be refused at once."""
+"""Arithmetic in files: values against Python's, and refusal of other texts."""
 
 import math
 import time

@@ -1,4 +1,4 @@
-"""What mutations of files found: each was a traceback, a run without end or gigabytes asked for by a few letters."""
+"""Faults found by mutating files: each was a traceback, an endless run or gigabytes requested by a few letters."""
 
 import pytest
 

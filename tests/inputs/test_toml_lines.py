@@ -1,4 +1,4 @@
-"""Line numbers against a second way to get them: mark each key in the text and look for the mark."""
+"""Line numbers against a second method: mark each key in the text and find the mark."""
 
 import tomllib
 

@@ -1,4 +1,4 @@
-"""Every key with a unit, of every kind of file: a number of its own comes out in SI units."""
+"""Every key with a unit, in every kind of file, is read in SI units; each gets a different number."""
 
 import math
 from pathlib import Path
@@ -30,11 +30,11 @@ SI = {
     ),
     **dict.fromkeys(("_rad_per_s", "_m_per_s2", "_N_s_per_m", "_N_s2_per_m2", "_N_m_s", "_N_m_s2"), 1.0),
     "_S_per_m": 1.0,
-    # Of a cylinder's segment, which has the angles of magpylib. Other angles are in `MADE`.
+    # For a cylinder's segment, with angles as in magpylib. Other angles are in `MADE`.
     "angles_deg": 1.0,
 }
 MADE = {
-    # Counter-clockwise, and of a record's points an array.
+    # Corners are counter-clockwise, and points of a record become an array.
     "points_mm": ([[3.0, 5.0], [7.0, 5.0], [3.0, 11.0]], [[0.003, 0.005], [0.007, 0.005], [0.003, 0.011]]),
     "corners_mm": ([[3.0, 5.0], [7.0, 5.0], [3.0, 11.0]], [[0.003, 0.005], [0.007, 0.005], [0.003, 0.011]]),
     "rotation_deg": ([0.0, 0.0, 30.0], [[0.75**0.5, -0.5, 0.0], [0.5, 0.75**0.5, 0.0], [0.0, 0.0, 1.0]]),
@@ -57,7 +57,7 @@ BY_HAND = {
 
 
 def tables_of(annotation, found):
-    """The tables that an annotation names, and those that they name."""
+    """The tables in an annotation, and recursively in their fields."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         if annotation not in found:
             found[annotation] = None
@@ -70,21 +70,21 @@ def tables_of(annotation, found):
 
 
 def declared_by(table):
-    """Tables that make a record, with the attributes by their keys: the table itself and those beside it."""
+    """Tables that make a record, with their attributes by key: the table itself and the tables beside it."""
     yield table, {key: one.attribute for key, one in table.declared.items()}
     for part in table.beside.values():
         yield from declared_by(part)
 
 
 def read_alone(table, key, attribute, written):
-    """What a key makes of its attribute, whatever the others may be."""
+    """The attribute's value from its key alone, without the record's other keys."""
     alone = SimpleNamespace(declared={key: table.declared[key]}, beside={}, makes=table.makes)
     plain = type("Plain", (table,), {"also_makes": lambda self: {}})
     return fields_of(plain.model_construct(**{key: written}), Path(), alone)[attribute]
 
 
 TABLES = list({table: None for kind in FILE_KINDS for table in tables_of(kind.schema, {})})
-# Longer than the others' ends: _mm_per_s is no _s.
+# Longest first, because _mm_per_s also ends in _s.
 ENDS = sorted([*SI, "_deg"], key=len, reverse=True)
 WITH_UNIT = {
     (table, key): end
@@ -156,7 +156,7 @@ def test_a_measuring_chain_in_si_units():
     assert made["frame"].angle == pytest.approx(math.pi / 4, rel=1e-12)
     assert made["voltage_noise"] == 0.007
     rig = made["rigs"][0]
-    # 3 mm are 1 V, and the smallest step 0.006 mm is 2 mV.
+    # 3 mm are 1 V, so the step of 0.006 mm is 2 mV.
     assert rig.micrometer.voltage_step * rig.micrometer.scale == pytest.approx(6e-6, rel=1e-12)
     assert rig.micrometer.scale == pytest.approx(0.003, rel=1e-12)
     assert rig.input.range == 5.0

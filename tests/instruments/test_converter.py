@@ -23,7 +23,7 @@ NI_6225 = [
 
 @pytest.mark.parametrize("row", NI_6225)
 def test_accuracy_of_another_card(row):
-    """Printed to two or three digits."""
+    """Data sheets print two or three digits."""
     span, gain, gain_drift, reference, offset, offset_drift, nonlinearity, noise, printed = row
     card = Converter(
         span, 16, noise * 1e-6, gain * PPM, offset * PPM, gain_drift * PPM, offset_drift * PPM, reference * PPM,
@@ -51,7 +51,7 @@ def test_accuracy_of_the_thesis():
 
 
 def test_the_printed_gain_error_is_the_net_one():
-    """With 83 ppm in the place of the residual gain error, as Table B-1 says, full scale is 2910 uV."""
+    """If 83 ppm were the residual gain error, as Table B-1 says, the result at full scale would be 2910 uV."""
     card = Converter(10.0, 16, 280e-6, 83 * PPM, 20 * PPM, 13 * PPM, 21 * PPM, 1 * PPM, nonlinearity=60 * PPM)
     assert float(absolute_accuracy(card, 10.0).total) == pytest.approx(2910e-6)
 
@@ -67,7 +67,7 @@ def test_table_c_1():
 
 
 def test_nothing_is_lost_where_nothing_rounds():
-    """A sensor without steps and a converter of 50 bits without errors: the measurement is the position."""
+    """With a stepless sensor and an errorless converter of 50 bits the measurement equals the position."""
     budget = error_budget(0.0123, 0.0, Micrometer(zero=0.020, scale=2e-3), Converter(10.0, 50))
     np.testing.assert_allclose(budget.measured, 0.0123, rtol=1e-12)
 

@@ -1,5 +1,5 @@
-"""Pose from field sensors: eight of them below a core, least squares and the filter against the bound of Cramer and
-Rao; the electronics of an element."""
+"""Pose from eight field sensors below a core: least squares and the filter against the Cramer-Rao bound; the
+electronics of an element."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ TURN = Rotation.from_rotvec([0.08, -0.05, 0.0]).as_matrix()
 
 @pytest.fixture(scope="module")
 def device():
-    """The desk levitator; at four places beside its workspace one sensor along z and one along the radius."""
+    """The desk levitator with sensors at four places beside its workspace, one along z and one along the radius."""
     sensors = []
     for k, (x, y) in enumerate(zip(np.cos(ANGLES), np.sin(ANGLES), strict=True)):
         place = [0.018 * x, 0.018 * y, -0.035]
@@ -52,7 +52,7 @@ def tilt(estimate, turn):
 
 
 def test_a_hundred_poses_from_eight_sensors(field, body):
-    """Within 0.2 mm and 1 degree, with 20 uT of noise, at any current, from the middle of the map."""
+    """Within 0.2 mm and 1 degree, with 20 uT of noise, at any current, starting in the middle of the map."""
     random = np.random.default_rng(2)
     for _ in range(100):
         place = [-0.003, -0.003, -0.032] + random.random(3) * [0.006, 0.006, 0.012]
@@ -67,13 +67,13 @@ def test_a_hundred_poses_from_eight_sensors(field, body):
 
 def test_without_noise_it_is_the_pose(field, body):
     for roll, within in ((0.0, 1e-8), (0.7, 2e-6)):
-        # The volume rule of a magnet that rolls has other points.
+        # A rolled magnet has other points of the volume rule.
         turn = TURN @ Rotation.from_rotvec([0.0, 0.0, roll]).as_matrix()
         read = field.readings(PLACE, body, 0.4, turn)
         found = estimate_pose(field, body, read, 0.4, NOISE, PLACE + [1e-3, 1e-3, 2e-3])
         assert found.position == pytest.approx(PLACE, abs=within)
         assert tilt(found, turn) < 1e3 * within
-        # A round magnet's roll is not seen: it stays as it was, and nothing is said of it.
+        # The roll of a round magnet is not observable: it keeps its start value, with infinite deviation.
         assert np.isinf(found.deviations).tolist() == [False] * 5 + [True]
         assert abs(Rotation.from_matrix(found.rotation).as_rotvec()[2]) < 1e-2
 
@@ -86,7 +86,7 @@ def test_the_currents_share_is_taken_off(field, body):
 
 
 def test_errors_are_those_of_the_bound(field, body):
-    """300 estimates at one pose: their covariance is the stated one, that of Cramer and Rao."""
+    """300 estimates at one pose: their covariance is the stated one, the Cramer-Rao bound."""
     random, exact = np.random.default_rng(3), field.readings(PLACE, body, 0.2, TURN)
     shifts, scores = [], []
     for _ in range(300):
@@ -94,7 +94,7 @@ def test_errors_are_those_of_the_bound(field, body):
         off = np.append(found.position - PLACE, Rotation.from_matrix(TURN.T @ found.rotation).as_rotvec())
         shifts.append(off[:5])
         scores.append(off[:5] @ np.linalg.solve(found.covariance[:5, :5], off[:5]))
-    # Deviations of samples are off by 4 %, the mean of chi squared with five degrees by 0.18.
+    # Sample deviations have an error of 4 %, the mean of chi squared with five degrees one of 0.18.
     bound = observability(field, body, PLACE, NOISE, TURN).deviations[0, :5]
     assert np.std(shifts, axis=0) == pytest.approx(bound, rel=0.15)
     assert np.mean(scores) == pytest.approx(5.0, abs=0.7)
@@ -109,7 +109,7 @@ def test_singular_values_are_those_of_differences(field, body):
             turn = TURN @ Rotation.from_rotvec(change[3:]).as_matrix()
             ends.append(field.readings(PLACE + change[:3], body, 0.0, turn))
         columns.append((ends[1] - ends[0]) / 2e-2)
-    # Of the roll the points of the volume rule show a trace, which is no magnet's.
+    # The volume rule's points make the roll weakly visible, unlike a real magnet's.
     differences = np.stack(columns[:5], axis=1) / NOISE
     found = observability(field, body, [PLACE, PLACE], NOISE, TURN)
     values = np.linalg.svd(differences, compute_uv=False)
@@ -119,7 +119,7 @@ def test_singular_values_are_those_of_differences(field, body):
 
 
 def test_one_sensor_below_a_dipole_sees_the_height(tmp_path):
-    """B = mu0 m / (2 pi z^3) on the axis; a dipole's roll, a shift and a tilt do nothing there, to first order."""
+    """B = mu0 m / (2 pi z^3) on the axis, where roll, shift and tilt of a dipole have no first-order effect."""
     ring = fm.CircularCoil("1", 0.01, 0.02, 0.01, 100.0, placement=fm.Placement([0.0, 0.0, 0.03]))
     device = fm.Device(
         "air",
@@ -135,22 +135,22 @@ def test_one_sensor_below_a_dipole_sees_the_height(tmp_path):
     assert found.singular_values == pytest.approx(np.array([[1e-3 * slope / NOISE]]), rel=1e-12)
     assert found.deviations[0, 2] == pytest.approx(NOISE / slope, rel=1e-12)
     assert np.isinf(found.deviations[0, [0, 1, 3, 4, 5]]).all()
-    # As a dipole 10 mm above the map would give.
+    # The reading of a dipole 10 mm above the map.
     with pytest.raises(NotConverged):
         estimate_pose(field, dipole, [mu_0 * 0.8 / (2 * np.pi * 0.046**3)], 0.0, NOISE)
 
 
 def test_two_magnets_show_their_roll(field):
-    """One beside the axis is no round magnet."""
+    """A second dipole off the axis makes the roll visible."""
     pair = MagneticBody(np.array([[0.0, 0.0, 0.0], [0.004, 0.0, 0.0]]), np.array([[0, 0, 0.5], [0, 0, 0.3]]))
     assert observability(field, pair, PLACE, NOISE).seen.tolist() == [6]
     crossed = MagneticBody(np.zeros((2, 3)), np.array([[0.5, 0, 0.0], [0, 0.3, 0.2]]))
-    # Two dipoles at one place are one dipole.
+    # Two dipoles at one place act as one dipole.
     assert observability(field, crossed, PLACE, NOISE).seen.tolist() == [5]
 
 
 def test_the_filter_averages_a_magnet_at_rest(field, body):
-    """Known to be at rest, n samples have the deviation of one over the root of n."""
+    """For a magnet known to be at rest, n samples reduce the deviation by the root of n."""
     random, exact = np.random.default_rng(4), field.readings(PLACE, body, 0.2, TURN)
     first = estimate_pose(field, body, exact, 0.2, NOISE, PLACE, TURN)
     follow = PoseFilter(field, body, NOISE, (1e-9, 1e-9))
@@ -163,7 +163,7 @@ def test_the_filter_averages_a_magnet_at_rest(field, body):
 
 
 def test_the_filter_follows_a_swing(field, body):
-    """A magnet that swings by known accelerations: errors are those stated, and less than those of single estimates."""
+    """A magnet swinging with known accelerations: errors are as stated, and smaller than those of single estimates."""
     random, step, follow = np.random.default_rng(5), 1e-3, PoseFilter(field, body, NOISE, (0.05, 0.5))
     rate, reach, lean = 2 * np.pi * 4.0, np.array([2e-3, -1e-3, 1.5e-3]), np.array([0.06, 0.04, 0.0])
     phases = rate * step * np.arange(400)
@@ -173,7 +173,7 @@ def test_the_filter_follows_a_swing(field, body):
     state = follow.start(estimate_pose(field, body, reads[0], 0.1, NOISE, PLACE))
     scores, single, filtered = [], [], []
     for k in range(1, 400):
-        # The mean of both ends of the step.
+        # The mean acceleration of the step.
         pull = -(rate**2) * 0.5 * (np.sin(phases[k - 1]) + np.sin(phases[k]))
         state = follow.step(state, reads[k], 0.1, step, pull * reach, pull * lean)
         off = state.position - places[k]
@@ -186,7 +186,7 @@ def test_the_filter_follows_a_swing(field, body):
 
 
 def test_noise_of_two_steps_is_that_of_one_of_both_lengths(field, body):
-    """What a white acceleration does in a second half is added to what the first half became; and its known size."""
+    """Covariance of white acceleration: the second half's plus the propagated first half's; and its absolute size."""
     follow, half = PoseFilter(field, body, NOISE, (0.3, 2.0)), 2e-3
     onward = np.eye(12)
     onward[range(6), range(6, 12)] = half
@@ -220,7 +220,7 @@ def test_turns(turn):
 
 
 def test_electronics():
-    """25 V/T into 12 bits of 2.5 V to both sides: a step of 48.8 uT. The element's range, then offset and gain."""
+    """25 V/T into 12 bits of +-2.5 V: a step of 48.8 uT. The element's range acts first, then gain and offset."""
     card = Converter(range=2.5, bits=12, random_noise=1e-3)
     hall = FieldElement(25.0, range=0.09, deviation=30e-6, offset=1e-3, gain_error=0.02, converter=card)
     step = 2 * 2.5 / 2**12 / 25.0

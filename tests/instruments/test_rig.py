@@ -34,7 +34,7 @@ def test_a_sensor_whose_rate_is_asked_for_must_state_it():
 
 
 def test_what_is_seen_of_a_still_position():
-    """Round to 5 mV, then to the card's step; by numpy."""
+    """Rounded to 5 mV, then to the card's step, by numpy."""
     positions = np.random.default_rng(1).uniform(0.001, 0.039, 500)
     volts = np.round((positions - 0.020) / 2e-3 / 5e-3) * 5e-3
     step = 20 / 65536
@@ -48,7 +48,7 @@ def test_limits_of_the_sensor():
 
 
 def test_a_uniform_position_is_off_by_the_step_over_root_twelve():
-    """Deviation of rounding; 20 000 samples, 2 %."""
+    """The deviation of rounding, from 20 000 samples, to 2 %."""
     positions = np.random.default_rng(2).uniform(0.01, 0.03, 20_000)
     rig = Rig(SENSOR, Converter(10.0, 50), CARD, AMPLIFIER)
     error = measured_positions(rig, positions) - positions
@@ -56,7 +56,7 @@ def test_a_uniform_position_is_off_by_the_step_over_root_twelve():
 
 
 def test_noise_adds_up():
-    """Sensor and card: root of the sum of squares, without steps."""
+    """Sensor and card without steps: root of the sum of squares."""
     rig = Rig(STEPLESS.micrometer, Converter(10.0, 50, random_noise=2e-3), CARD, AMPLIFIER)
     seen = measured_positions(rig, np.full((100, 200), 0.012), np.random.default_rng(3))
     assert seen.shape == (100, 200)
@@ -100,19 +100,19 @@ def test_averaging_halves_the_noise_of_four_scans():
 
 @pytest.mark.parametrize(("averages", "latency"), [(1, 0), (1, 3), (5, 0), (5, 2)])
 def test_a_ramp_is_seen_late(averages, latency):
-    """By the age of the mean's middle and the latency: (averages - 1) / 2 + latency scans, where samples meet scans."""
+    """The delay is (averages - 1) / 2 + latency scans if samples coincide with scans."""
     rate = 1000.0
     sensor = Micrometer(0.0, 1.0, scan_rate=rate, averages=averages, latency=latency)
     shown = watch(sensor, [0.0, 1.0], [0.0, 1.0], Ts=averages / rate)
     times = np.arange(shown.size) * averages / rate
-    # Samples at multiples of `averages` scans see the mean that ended the scan before, or `latency` earlier.
+    # Samples at multiples of `averages` scans see the mean that ended one scan, or at least `latency` scans, earlier.
     whole = averages * (-(-latency // averages)) if averages > 1 else latency
     age = (averages - 1) / 2 + (1 if averages > 1 else 0) + whole
     np.testing.assert_allclose((times - shown)[10:], age / rate, atol=1e-12)
 
 
 def test_what_is_held():
-    """A scan every 10 ms sampled every 2 ms: five samples alike."""
+    """A scan every 10 ms sampled every 2 ms: five equal samples."""
     shown = watch(Micrometer(0.0, 1.0, scan_rate=100.0), [0.0, 0.1], [0.0, 0.1], Ts=2e-3)
     np.testing.assert_allclose(
         shown[:50].reshape(10, 5), np.repeat(np.arange(10)[:, None] * 0.01, 5, axis=1), atol=1e-12
@@ -120,7 +120,7 @@ def test_what_is_held():
 
 
 def test_compiled_loop_is_the_blocks_in_a_row():
-    """A whole run written out with the blocks, sample by sample."""
+    """A whole run against the blocks, sample by sample."""
     mass, stiffness, per_ampere = 0.01119, -4.2, 0.12
     model = control.levitated_plant(mass, stiffness, -per_ampere)
     A, B = control.zero_order_hold(model.A, model.B, 2e-3)

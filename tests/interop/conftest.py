@@ -1,7 +1,7 @@
-"""Six loops on a ring above a box: a field with a closed form, for everything that leaves or enters a map.
+"""Six loops on a ring above a box, whose field has a closed form, for everything that leaves or enters a map.
 
-And other programs in environments of their own, which lie in the user's cache folder. With FIELDMAP_OTHER_PROGRAMS=1,
-as in `make validate`, tests make those that are missing; otherwise they are skipped then.
+Also other programs in environments of their own, in the user's cache folder. With FIELDMAP_OTHER_PROGRAMS=1, as in
+`make validate`, tests make the missing environments; otherwise they are skipped.
 """
 
 import importlib
@@ -35,7 +35,7 @@ def fields(points):
 
 @pytest.fixture(scope="session")
 def ring():
-    """`fields`, a map of them, and that opened."""
+    """`fields`, the data of a map of them, and that map opened."""
     flux, slope = fields(GRID.points())
     shape = (6, *GRID.shape, 3)
     data = MapData(
@@ -73,7 +73,7 @@ def usable(validation):
 
 @pytest.fixture(scope="session")
 def fmpy(validation, usable):
-    """FMPy on a task, where there is no fieldmap: the answer's arrays."""
+    """Runs a task in FMPy, where fieldmap is not installed, and returns the answer's arrays."""
     program = validation("own_environment").OwnEnvironment("FMPy", ("FMPy==0.3.32", "numpy==2.4.6"))
     python = usable(program)
 
@@ -90,8 +90,8 @@ def fmpy(validation, usable):
 
 @pytest.fixture(scope="session")
 def write_fmu_quickly():
-    """write_fmu, compiled without optimisation: in a fifth of the time for iron and drives. For units of which others
-    have been compiled as users' are."""
+    """write_fmu without optimisation by the compiler, which takes a fifth of the time for iron and drives. Other units
+    of the same kind are compiled with the options of users."""
 
     def write(*arguments, **named):
         with pytest.MonkeyPatch.context() as patch:
@@ -103,7 +103,7 @@ def write_fmu_quickly():
 
 @pytest.fixture
 def clean_under_valgrind():
-    """clean(program, *arguments): no read or write beyond its own memory, and none lost."""
+    """clean(program, *arguments) checks that it reads and writes only memory of its own and frees all of it."""
     if shutil.which("valgrind") is None:
         pytest.skip("no valgrind on this machine")
 

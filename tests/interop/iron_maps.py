@@ -1,4 +1,4 @@
-"""Maps of saturating iron that no solver made: drawn models of their currents, with and without memory."""
+"""Maps of saturating iron made without a solver: models drawn at random, with and without memory."""
 
 import numpy as np
 
@@ -17,8 +17,8 @@ def saturating(ring, *kind, outside_currents="raise", **more):
 
 
 def saturating_data(ring, coils, of, lower, upper, fixed=False, cells=None):
-    """Fields of the ring's loops: those of `coils` coils, then of iron, then of a background. cells: of iron that
-    remembers."""
+    """Map data with fields of the ring's loops: those of `coils` coils, of the iron, and of a background if `fixed`.
+    cells: those of iron with hysteresis."""
     rng = np.random.default_rng(7)
     used = np.resize(np.arange(6), coils + 2 + fixed)
     iron = {

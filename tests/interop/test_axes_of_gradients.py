@@ -1,6 +1,6 @@
 """A gradient whose nine entries differ, through every export: [i, j] is dB_i/dx_j.
 
-No field in air has one: there it is symmetric, and a transposed gradient would be the same.
+No field in air has one: its gradient is symmetric, and would hide a transposition.
 """
 
 import csv

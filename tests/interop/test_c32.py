@@ -62,7 +62,7 @@ def test_python_s_numbers_in_single_precision(ring, tmp_path, kind, fixed):
         -1, 19
     )
     assert not found[:, 18].any()
-    # Where a single point is told apart from its neighbours.
+    # Points as single precision rounds them.
     told = points.astype(np.float32).astype(float).clip(m.lower, m.upper)
     flux, slope = m.field_and_gradient(told, currents)
     wrench = m.wrench(told, moments, currents)
@@ -106,7 +106,7 @@ def test_operations_and_stack_are_those_of_the_page(ring, tmp_path, kind):
     *expected, stack = numbers_of_the_page()[kind]
     assert counted == tuple(expected)
     compiler = ["gcc", "-std=c99", *STRICT, "-Os", "-ffreestanding", "-fno-builtin", "-fstack-usage"]
-    # Of a map that the compiler knows, and of any.
+    # For a map that the compiler knows, and for any map.
     for parameter, asked in (("", "&lift"), ("const fm32_map *map, ", "map")):
         one = f"int32_t one({parameter}const float *i, const float *p, float *b, float *g)"
         (tmp_path / "one.c").write_text(
@@ -120,7 +120,7 @@ def test_operations_and_stack_are_those_of_the_page(ring, tmp_path, kind):
         wanted = subprocess.run(
             ["nm", "-u", "one.o"], cwd=tmp_path, check=True, capture_output=True, text=True
         ).stdout
-        # What a freestanding compiler may always ask for.
+        # A freestanding compiler may always ask for these.
         assert set(wanted.split()) - {"U", "w", "memset", "memcpy", "_GLOBAL_OFFSET_TABLE_"} == set()
 
 

@@ -81,7 +81,7 @@ def test_c_gives_the_numbers_of_python_and_takes_no_memory(program, ring, tmp_pa
 
 
 def test_the_layout_of_the_file(ring, tmp_path):
-    """As the module states it, read by hand; the fields lie behind the model as a map of given ones."""
+    """As the module states it, read by hand; the fields lie behind the model, in the layout of a linear map."""
     m = saturating(ring, *KINDS["background"])
     raw = write_c_iron_map(m, tmp_path / "iron.fmap").read_bytes()
     head = struct.unpack("=8sIIQIIQ", raw[:40])
@@ -125,7 +125,7 @@ def test_at_the_stated_tolerance_and_outside(program, ring, tmp_path):
 
 
 def test_broken_files_are_refused_or_safe(ring, tmp_path):
-    """Every number of the model's head and some of its positions damaged, under a checksum that is right."""
+    """Every number of the model's head and some of its positions are damaged, under a correct checksum."""
     import struct
     import zlib
 

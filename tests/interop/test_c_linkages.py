@@ -25,7 +25,7 @@ SOURCE = Path(__file__).parent / "c" / "ask_linkages.c"
 
 
 def stored(n):
-    """Linkages of n coils, every number another one."""
+    """Linkages of n coils, drawn at random."""
     drawn = np.random.default_rng(5).normal(size=(n, n))
     return StoredLinkage(1e-3 * (drawn @ drawn.T + np.eye(n)), 1e-4 * np.arange(1.0, n + 1.0))
 
@@ -109,7 +109,7 @@ def test_outside_and_of_maps_without(programs, ring, tmp_path):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_saturating_iron(programs, ring, tmp_path, kind):
-    """The iron's share by its core at the same tolerance, the payload's with the slopes of the weights."""
+    """The iron's part by its core at the same tolerance, the payload's part by the slopes of the weights."""
     data = saturating_data(ring, *KINDS[kind])
     n = len(data.coil_names)
     m, known = interpolate(replace(data, linkage=stored(n))), stored(n)
@@ -138,7 +138,7 @@ def test_saturating_iron(programs, ring, tmp_path, kind):
 
 
 def test_iron_that_remembers(programs, ring, tmp_path):
-    """At 0.9 of the currents of each step along a path, as in Python; another path has other linkages."""
+    """At 0.9 of the currents of each step along a path, against Python; straight from the start, linkages differ."""
     m = interpolate(replace(saturating_data(ring, *KINDS["free"], cells=CELLS), linkage=stored(4)))
     path = np.random.default_rng(11).uniform(-1.0, 1.0, (20, 4))
     rows = questions(m, path)
@@ -149,7 +149,7 @@ def test_iron_that_remembers(programs, ring, tmp_path):
     for q, (currents, point, moment) in enumerate(zip(*rows, strict=True)):
         led = led.step(currents)
         agree(alone[q], led.flux_linkage(0.9 * currents), 1e-9)
-        # Cells that stand at the end of their play move or do not, by rounding: slopes jump by so much.
+        # Rounding decides whether a cell at the end of its play moves: slopes jump by that much.
         agree(inductance[q], led.inductance(0.9 * currents), 0.05)
         agree(with_dipole[q], led.flux_linkage(0.9 * currents, point, moment), 1e-5)
         straight.append(m.flux_linkage(0.9 * currents))

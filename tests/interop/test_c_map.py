@@ -108,7 +108,7 @@ def test_ten_thousand_points_give_the_numbers_of_python(programs, data, tmp_path
 
 @pytest.fixture(scope="module")
 def reacting(data):
-    """The same, with three fields of the iron's reaction to magnets, of which one counts negatively."""
+    """`data` with three fields of the iron's reaction to magnets, of which one counts negatively."""
     x, y, z = np.moveaxis(data.grid.points().reshape(6, 5, 5, 3), -1, 0)
     parts = [wave(x, y, z, k, phase) for k, phase in ((50.0, 0.2), (70.0, 0.9), (40.0, 2.0))]
     flux, slope = (np.stack(values) for values in zip(*parts, strict=True))
@@ -117,7 +117,7 @@ def reacting(data):
 
 @pytest.mark.parametrize("kind", ["harmonic", "global"])
 def test_the_reaction_of_the_iron(programs, reacting, tmp_path, kind):
-    """Its formula by hand from the fields of a map of their own; at fixed currents, too."""
+    """Against its formula by hand, with a map made of the reaction's fields alone."""
     m, fields = interpolate(reacting, kind), interpolate(reacting.reaction.on(reacting.grid), kind)
     path = write_c_map(m, tmp_path / "field.fmap")
     currents, points, moments = questions(m, 500)
@@ -130,7 +130,7 @@ def test_the_reaction_of_the_iron(programs, reacting, tmp_path, kind):
     expected = np.hstack(wrench_by_hand([there[0] + back[0], there[1] + back[1]], moments))
     assert np.abs(wrench - expected).max() < 1e-13 * np.abs(expected).max()
     assert np.abs(m.wrench(points, moments, currents) - expected).max() < 1e-13 * np.abs(expected).max()
-    # More fields than it says, and a count that no file has.
+    # A count other than that of the fields in the file, and counts that no file has.
     good = path.read_bytes()
     counts = good.index(np.float64(3.0).tobytes() + np.float64(1.0).tobytes())
     for number in (2.0, 4.0, 65.0, np.nan):
@@ -194,7 +194,7 @@ def test_broken_files_are_refused_with_their_reason(programs, data, tmp_path):
         (tmp_path / "case").write_bytes(content)
         assert opened(programs, tmp_path / "case") == code
     assert opened(programs, tmp_path / "nowhere") == 3
-    # A folder, which Linux opens but does not read, is no lack of memory.
+    # Linux opens a folder but does not read it: the code of a missing file, not that of a lack of memory.
     assert opened(programs, tmp_path) == 3
 
 

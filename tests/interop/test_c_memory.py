@@ -1,4 +1,4 @@
-"""Iron with hysteresis in C: the bits of Python along a path, and those of a run that was stopped and resumed."""
+"""Iron with hysteresis in C: the bits of Python along a path, also when the run is stopped and resumed."""
 
 import shutil
 import struct
@@ -23,7 +23,7 @@ from tests.interop.iron_maps import CELLS, KINDS, saturating, saturating_data
 
 SOURCE, STEPS, HALF = Path(__file__).parent / "c" / "remember.c", 30, 13
 UNIT = Path(__file__).parents[2] / "maps" / "out" / "remembering.h5"
-# The oldest processor fuses no products and sums, so that every compiler makes the same bits of the same source.
+# Code for the oldest processor fuses no products and sums, so every compiler makes the same bits from the same source.
 OLDEST = libraries(machine(), sys.platform).get("x86-64-v2")
 AS_THE_LIBRARY = ["-O3", "-march=x86-64-v2", "-fno-math-errno"]
 
@@ -38,7 +38,7 @@ def build(target, *flags):
 
 @pytest.fixture(scope="module")
 def as_the_library(tmp_path_factory):
-    """remember.c, compiled as the core is."""
+    """Path of remember.c compiled with the options of the core."""
     return build(tmp_path_factory.mktemp("c") / "remember", *STRICT, *AS_THE_LIBRARY)
 
 
@@ -58,7 +58,7 @@ def remembering(ring):
 
 
 def drawn(m, seed=8):
-    """Rows of currents, other currents, point and moment. In one row the currents do not change."""
+    """Rows of currents, other currents, point and moment. In one row the currents are those of the row before."""
     random, domain = np.random.default_rng(seed), m.info.reduced_model.domain
     currents = domain.at(random.random((2 * STEPS, len(domain.lower)))).reshape(STEPS, -1)
     coils = len(m.coil_names)
@@ -81,7 +81,7 @@ def by_python(m, rows):
 
 
 def by_c(program, path, rows, folder, *parts):
-    """What it prints of parts of a path, each in a run of its own, and the memory at the end."""
+    """What remember.c prints for parts of a path, each in a run of its own, and the memory at the end."""
     rows.tofile(folder / "rows")
     text = ""
     for start, stop in parts:
@@ -99,7 +99,7 @@ def compare(m, folder, program):
         found, remembered = by_c(program, path, rows, folder, *parts)
         np.testing.assert_array_equal(found, exact)
         np.testing.assert_array_equal(remembered, memory)
-    # The memory counts: the same currents, each straight from the beginning.
+    # The memory matters: straight from the beginning, the same currents give other fields.
     coils = len(m.coil_names)
     straight = np.array([m.field(row[2 * coils : -3], row[:coils]) for row in rows])
     assert np.abs(straight - exact[:, 3:6]).max() > 0.01 * np.abs(straight).max()
@@ -123,7 +123,7 @@ def test_a_program_begins_with_the_memory_that_was_written(
     exact, remembered = by_python(m, drawn(m)[:3])
     np.testing.assert_array_equal(found, exact)
     np.testing.assert_array_equal(memory, remembered)
-    # And with what a path made of it.
+    # The same with the memory that a path has left.
     later = m.step([0.5, -0.5, 0.5, -0.5])
     by_c(as_the_library, write_c_iron_map(later, tmp_path / "b.fmap"), drawn(m), tmp_path, (0, 0))
     np.testing.assert_array_equal(np.fromfile(tmp_path / "stored"), later.remembered)
@@ -164,7 +164,7 @@ def test_damaged_memories_are_refused_or_safe(ring, tmp_path):
     count, numbers = struct.unpack_from("=IQ", good, 28)
 
     def said(change):
-        """Of a file with numbers of another value (format, offset, value), under a checksum that is right."""
+        """What the program prints for a file with a changed number (format, offset, value) and a correct checksum."""
         changed = bytearray(good)
         struct.pack_into(change[0], changed, *change[1:])
         struct.pack_into("=I", changed, 24, zlib.crc32(bytes(changed[28:])))

@@ -116,7 +116,7 @@ def test_estimator_and_pid_in_c_give_what_python_gives(field, tmp_path, real, he
     np.testing.assert_allclose(found[:, 0], heights, rtol=0, atol=height)
     np.testing.assert_allclose(found[:, 1], outputs, rtol=0, atol=output)
     assert (np.abs(found[:, 0] - heights).max() > 1e-12) == (real == "float")
-    # They follow the place, to the noise.
+    # Heights follow the true place to within the noise.
     assert np.abs(heights - true).max() < 5e-5
     assert np.sum(np.abs(outputs) < 2.5) > 20
     assert np.ptp(outputs) > 1.0

@@ -60,10 +60,10 @@ def test_c_gives_the_numbers_of_python(programs, data, tmp_path, kind):
 
 @gcc
 def test_c_readers_of_before_refuse_it(data, tmp_path):
-    """Their only question before the numbers is whether the version is 1."""
+    """Before the numbers, earlier readers check only that the version is 1."""
     raw = write_c_map(interpolate(data), tmp_path / "field.fmap").read_bytes()
     assert int.from_bytes(raw[12:16], "little") == 2
-    # Nor does a reader of now take it for one of coils alone.
+    # Marked as version 1, a map of coils alone, today's reader refuses it too.
     (tmp_path / "other.fmap").write_bytes(raw[:12] + (1).to_bytes(4, "little") + raw[16:])
     done, program = compiled(AT, tmp_path)
     assert done.returncode == 0, done.stderr
@@ -138,7 +138,7 @@ def test_constants_in_single_precision(data, tmp_path):
     found = subprocess.run([program], capture_output=True, text=True, check=True)
     exact = m.field([0.001, -0.002, -0.015], [1.5, -0.5])
     assert np.array(found.stdout.split(), float) == pytest.approx(exact, abs=3e-6 * np.abs(exact).max())
-    # A header of before does not compile with such a map.
+    # A header without constant fields does not compile with such a map.
     header.write_text(header.read_text().replace("#define FM32_CONSTANT_FIELD 1", ""))
     (tmp_path / "other").mkdir()
     shutil.copy(header, tmp_path / "other" / "fieldmap32.h")
@@ -224,7 +224,7 @@ def test_images_have_the_field_without_currents(data):
 
 
 def test_mag_manip_is_refused_by_name(data, tmp_path):
-    """Its linear model is a sum of coils' fields: zero currents give no field."""
+    """Its linear model sums the fields of coils, which is zero without currents."""
     m = interpolate(data)
     with pytest.raises(InputError) as error:
         write_mag_manip(m, tmp_path / "field.yaml")

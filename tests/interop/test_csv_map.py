@@ -98,12 +98,12 @@ def test_imported_again_it_is_the_same_field(ring, tmp_path, fixed):
         wanted, steep = ring.map.field_and_gradient(points, currents)
         assert np.abs(flux - wanted).max() < 4e-5 * np.abs(wanted).max()
         assert np.abs(slope - steep).max() < 1e-3 * np.abs(steep).max()
-    # What the fit leaves is stated, and as small as it is.
+    # The stated residual is as small.
     assert measured.report.residual < 1e-5 * np.abs(wanted).max()
 
 
 def test_a_spacing_of_too_many_nodes_is_refused_before_any_is_computed(ring, tmp_path):
-    """Here 40 x 40 x 60 mm; the remedy states a spacing that is taken."""
+    """The box is 40 x 40 x 60 mm; the remedy states a spacing that is accepted."""
     with pytest.raises(InputError) as caught:
         write_csv(ring.map, tmp_path / "ring.csv", CURRENTS, spacing=1e-5)
     (problem,) = caught.value.problems
@@ -126,7 +126,7 @@ def test_currents_that_do_not_fit(ring, tmp_path):
 
 
 def test_nodes_divide_the_box(ring, monkeypatch):
-    """No farther apart than asked, along each side; of a map its own unless asked. The box is 40 x 40 x 60 mm."""
+    """They are no farther apart than asked; by default a map keeps its own. The box is 40 x 40 x 60 mm."""
     for spacing, shape in (
         (0.01, (5, 5, 7)),
         (0.0099, (6, 6, 8)),
@@ -142,7 +142,7 @@ def test_nodes_divide_the_box(ring, monkeypatch):
         if fits:
             sample_grid(ring.map, 0.01)
             continue
-        # A tenth more than would have as many nodes if they went on evenly.
+        # 1.1 times the spacing of the limit, if counts went with the inverse cube of the spacing.
         remedy = f"take {1.1 * 10 * (175 / 174) ** (1 / 3):.2g} mm or more"
         with refused(InputError, where="spacing", received="0.01 m: 175 nodes", remedy=remedy):
             sample_grid(ring.map, 0.01)
@@ -154,7 +154,7 @@ def test_nodes_divide_the_box(ring, monkeypatch):
 
 
 def test_what_is_said_above_the_numbers(ring, tmp_path):
-    """Of a map its title and device, of another field the name that is given; the currents of a state."""
+    """A map's title and device, the name given for another field, and the currents of a state."""
     told = Provenance(title="Six\n loops", device_name="ring")
     named = interpolate(replace(ring.data, provenance=told))
     coils = CoilSet(

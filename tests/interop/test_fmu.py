@@ -37,8 +37,8 @@ INSIDE = {"field": {"magnet": [0.1, -0.2, MOMENT]}, "body": {"body": BODY}}
 
 
 class Units(dict):
-    """Units by what is inside and by version of FMI, each written and compiled by the first test that asks. Those of
-    version 3 are compiled as users' are."""
+    """Units by what is inside and version of FMI, each written and compiled by the first test that asks. Units of
+    version 3 are compiled with the options of users."""
 
     def __init__(self, field, folder, write_fmu_quickly):
         self.field, self.folder, self.write_quickly = field, folder, write_fmu_quickly
@@ -60,7 +60,7 @@ def units(ring, tmp_path_factory, write_fmu_quickly):
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_fmpy_compiles_sources_alone(ring, fmpy, tmp_path, version, monkeypatch):
-    """For a machine without a compiler the unit has no binary; elsewhere FMPy makes one, with cmake."""
+    """Without a compiler the unit has no binary; elsewhere FMPy makes one, with cmake."""
     if shutil.which("cmake") is None:
         pytest.skip("no cmake on this machine")
     with monkeypatch.context() as patch:
@@ -148,8 +148,8 @@ def scenario(folder, step_ms):
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_the_body_inside_moves_as_in_the_simulator(ring, fmpy, tmp_path, version):
-    """One second of `simulate` with the scenario's controller outside the unit: the simulator's steps approach it with
-    the square of their length."""
+    """One second of `simulate`, against the unit with the scenario's controller outside it: the simulator approaches
+    the unit with the square of its step."""
     write_map(tmp_path / "linear.h5", ring.data)
     prepared = prepare(read_scenario(scenario(tmp_path, 0.1)))
     machine, schedule, block = prepared.machine, prepared.schedule, prepared.controller.arrays
@@ -175,7 +175,7 @@ def test_the_body_inside_moves_as_in_the_simulator(ring, fmpy, tmp_path, version
         assert run.event is None
         assert len(run.rows) == len(found) == 1000
         off.append(np.abs(found - run.rows[:, :13]).max(axis=0))
-    # Within the limits, which the controller outside does not have.
+    # Currents stay within the limits, which the controller outside does not have.
     assert np.abs(run.rows[:, 13:25]).max() < 3.5
     assert np.ptp(found[:, 2]) > 1e-4
     assert np.ptp(found[:, 10]) > 0.1
@@ -190,7 +190,7 @@ def test_the_body_inside_moves_as_in_the_simulator(ring, fmpy, tmp_path, version
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_model_exchange_and_co_simulation(units, ring, fmpy, tmp_path, version):
-    """FMPy's CVODE, the integrator inside, and our own adaptive one."""
+    """FMPy's CVODE, and the integrator inside, against our own adaptive one."""
     slope = ring.map.gradient([0, 0, HEIGHT], np.ones(6))[2, 2]
     currents = np.full(6, MASS * BODY.gravity / (MOMENT * slope))
     state = state_of([0.002, 0.001, HEIGHT], angular_velocity=[0.5, -1.0, 3.0])
@@ -231,7 +231,7 @@ def strict_and_within_its_memory(path, folder):
     source = Path(__file__).parent / "c" / "drive_fmu.c"
     command = ["gcc", "-std=c99", "-I", folder / "sources", source, "-o", folder / "drive", "-lm"]
     if subprocess.run([*command, *checks], capture_output=True).returncode:
-        # No address sanitizer here: without it, then.
+        # No address sanitizer on this machine: build without it.
         subprocess.run(command, check=True, capture_output=True)
     done = subprocess.run([folder / "drive", folder / "resources"], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
@@ -251,7 +251,7 @@ def numbers(values):
 
 
 def ask_by_hand(path, folder, where, currents):
-    """Outputs of an FMU called as an importer would, and what it logged."""
+    """Outputs and statuses of an FMU that is called as an importer would, and what it logged."""
     root, binary, references = unpacked(path, folder)
     library, said = ctypes.CDLL(str(binary)), []
     names = [*references]
@@ -357,7 +357,7 @@ def test_the_lines_of_the_documentation(ring, fmpy, tmp_path):
     ("step", "duration"), [(1e-300, 1e-3), (1e-3, 1e300), (1e-3, np.inf), (np.nan, 1e-3)]
 )
 def test_a_step_without_end_is_an_error(units, tmp_path, step, duration):
-    """Of any length of the inner steps, which an importer sets: 1e297 of them would take for ever."""
+    """An importer sets the length of the inner steps, and 1e297 of them would take for ever."""
     root, binary, _ = unpacked(units["body", 2], tmp_path)
     library, log = ctypes.CDLL(str(binary)), CALLBACK(lambda *_: None)
     library.fmi2Instantiate.restype = ctypes.c_void_p
@@ -444,7 +444,7 @@ def test_what_importers_read(ring, tmp_path, name, version):
     }
     states = [key for key in exact if key.startswith("der")]
     assert sorted(derived) == sorted(states)
-    # What is computed, and from the start on.
+    # The structure names outputs, derivatives, and what is computed from the start on.
     calculated = [key for key, one in exact.items() if one[3] == "calculated"]
     outputs = [key for key, one in exact.items() if one[1] == "output"]
     structure = {}
@@ -473,7 +473,7 @@ def test_what_importers_read(ring, tmp_path, name, version):
 
 
 def test_the_body_inside_obeys_newton_and_euler(units, ring, tmp_path):
-    """Rates of its state under the map's wrench, a push and a twist; with the magnet beside its centre."""
+    """Rates of its state under the map's wrench, a push and a twist; the magnet lies off its centre."""
     root, binary, _ = unpacked(units["body", 2], tmp_path)
     library, log = ctypes.CDLL(str(binary)), CALLBACK(lambda *_: None)
     library.fmi2Instantiate.restype = ctypes.c_void_p
@@ -526,7 +526,7 @@ PLACES = [
 
 @pytest.mark.parametrize(("system", "machine", "version", "place"), PLACES)
 def test_the_library_lies_where_importers_look(ring, tmp_path, monkeypatch, system, machine, version, place):
-    """By a stand-in for the compiler."""
+    """With a stand-in for the compiler."""
     monkeypatch.setattr(fmu, "sys", SimpleNamespace(platform=system))
     monkeypatch.setattr(fmu, "platform", SimpleNamespace(machine=lambda: machine))
     compiler(monkeypatch, tmp_path, 'while [ "$1" != -o ]; do shift; done; echo library > "$2"')

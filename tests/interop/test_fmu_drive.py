@@ -62,14 +62,14 @@ def coils(n, mode="voltage"):
 
 @pytest.fixture(scope="module")
 def maps(ring):
-    """By kind of iron; linkages of which every number is another one."""
+    """Maps by kind of iron, with linkages drawn at random."""
     drawn = np.random.default_rng(5).normal(size=(6, 6))
     inductance = 1e-3 * (drawn @ drawn.T + 6.0 * np.eye(6))
     found = {}
     for name, more in KINDS_OF_IRON.items():
         data = ring.data if more is None else saturating_data(ring, *KINDS["free"], **more)
         if more is not None:
-            # Of a smaller core the state is the same, and linkages are those of coils of some 10 mH.
+            # A smaller core has the same state, and its linkages are as large as those of coils of some 10 mH.
             of = data.reduced_model
             data = replace(data, reduced_model=replace(of, weights=1e-7 * of.weights, air=1e-7 * of.air))
         n = len(data.coil_names)
@@ -79,8 +79,8 @@ def maps(ring):
 
 
 class Written(dict):
-    """Units by kind of iron, drive, version of FMI and whether a body is inside. Saturating iron in version 3 is
-    compiled as users' is."""
+    """Units by kind of iron, drive, version of FMI and whether a body is inside. Units with saturating iron in version
+    3 are compiled with the options of users."""
 
     def __init__(self, maps, folder, write_fmu_quickly):
         self.maps, self.folder, self.write_quickly = maps, folder, write_fmu_quickly
@@ -100,7 +100,7 @@ def written(maps, tmp_path_factory, write_fmu_quickly):
 
 
 def asked(n, mode):
-    """What the drives are asked for (60, n): they jump, and some want more than the supply has."""
+    """What is asked of the drives (60, n): it jumps, and some of it needs more than the supply gives."""
     drawn = np.random.default_rng(8).uniform(-1.0, 1.0, (3, n))
     return np.repeat(drawn * {"voltage": 2.5, "current_controller": 0.6}[mode], 20, axis=0)
 
@@ -153,13 +153,14 @@ def along(unit, n, rows, kind, computed=("flux_linkage_",)):
 
 
 INPUTS = {"voltage": "voltage_", "current_controller": "reference_"}
-# What two compilers leave of the same steps, and of the solves of iron, each to 1e-4 of the state. Whether a cell at
-# the end of its play moves is rounding: a start that differs by 1e-14 makes such a difference in the simulator itself.
+# Differences between two compilers on the same steps, and between solves of the iron, each to 1e-4 of the state.
+# Rounding decides whether a cell at the end of its play moves: in the simulator itself, a start that differs by 1e-14
+# makes as large a difference.
 BOUNDS = {"linear": 1e-10, "saturating": 1e-4, "remembering": 0.05}
 
 
 def agree(found, exact, relative):
-    """Of places, velocities, turns, spins, currents and linkages, each by its largest."""
+    """Places, velocities, turns, spins, currents and linkages, each relative to its largest."""
     n = (exact.shape[1] - 13) // 2
     for part in np.split(np.arange(exact.shape[1]), [3, 6, 10, 13, 13 + n]):
         size = np.abs(exact[:, part]).max()
@@ -176,10 +177,10 @@ def test_a_machine_is_that_of_the_simulator(written, maps, tmp_path, iron, mode)
     exact = simulated(m, BODY, TURNING, rows, mode)
     found = along(unit, n, rows, INPUTS[mode])
     agree(found, exact, BOUNDS[iron])
-    # At first no cell ends its play elsewhere. Newton's method of the iron takes its steps in single precision.
+    # In the first rows cells end their play as in the simulator. The iron's Newton steps are in single precision.
     first = 2 if m.remembers else 6
     agree(found[:first], exact[:first], min(BOUNDS[iron], np.finfo(np.float32).eps))
-    # What is compared moves, and the windings warm up.
+    # The body moves, and the currents change.
     assert np.ptp(exact[:, 2]) > 1e-3
     assert np.ptp(exact[:, 13 : 13 + n]) > 0.1
     unit.close()
@@ -192,7 +193,7 @@ def test_outputs_are_those_of_the_map(written, maps, tmp_path, iron):
     n, unit = len(m.coil_names), start(written[iron, "voltage", 3, True], tmp_path, TURNING)
     unit.set("current_", numbered(n), 0.1 * np.arange(1.0, n + 1.0))
     body = MagneticBody(BODY.magnet.points + BODY.magnet_at, BODY.magnet.moments)
-    # Solves of the iron leave 1e-4 of its state, and Newton's method leaves something of a step to the next one.
+    # Solves of the iron are exact to 1e-4 of its state, and Newton's method leaves a rest of each step to the next.
     relative = {"linear": 1e-11, "saturating": 1e-3}[iron]
     for rows in (np.zeros((0, n)), asked(n, "voltage")[15:30]):
         found = along(unit, n, rows, "voltage_")
@@ -211,7 +212,7 @@ def test_outputs_are_those_of_the_map(written, maps, tmp_path, iron):
 
 def test_a_magnet_that_the_importer_moves(written, maps, tmp_path):
     """Without a body the pose is an input. At rest the currents are those of the matrix L and R in closed form; along a
-    straight line those of a body that nothing holds up."""
+    straight line they are the simulator's for a body too heavy to be moved."""
     m, volts = maps["linear"], np.array([1.0, -0.5, 0.3, 0.0, 0.7, -1.2])
     unit = start(written["linear", "voltage", 2, False], tmp_path / "rest", state_of(PLACE))
     drive, inductance = coils(6), m.inductance()
@@ -221,7 +222,7 @@ def test_a_magnet_that_the_importer_moves(written, maps, tmp_path):
     resistance = np.diag(drive.resistance)
     final = np.linalg.solve(resistance, volts)
     exact = final - expm(-np.linalg.solve(inductance, resistance) * 20 * EACH * STEP) @ final
-    # The windings warm up a little, and the voltage has a slope.
+    # The bound allows for windings that warm up a little and a voltage of limited slope.
     assert np.abs(unit.get("current_", numbered(6)) - exact).max() < 0.02 * np.abs(exact).max()
     unit.close()
     unit = start(written["linear", "voltage", 2, False], tmp_path / "line", TURNING)
@@ -251,7 +252,7 @@ def test_a_stored_state_goes_on_to_the_last_bit_and_asking_leaves_no_trace(
     written, maps, tmp_path, version, iron
 ):
     n, rows, kept = 4, asked(4, "voltage")[12:30], ctypes.c_void_p(None)
-    # Where voltages last, currents come to where steps take the tangent.
+    # Under lasting voltages the currents settle until steps take the tangent.
     rows = np.concatenate([rows[:3], np.repeat(rows[3:4], 30, axis=0), rows[3:]])
     path = written[iron, "voltage", version, True]
     whole = along(start(path, tmp_path / "whole", TURNING), n, rows, "voltage_", ())
@@ -260,7 +261,7 @@ def test_a_stored_state_goes_on_to_the_last_bit_and_asking_leaves_no_trace(
     first = []
     for row in rows[:25]:
         first.append(along(unit, n, [row], "voltage_", ())[0])
-        # This solves the iron.
+        # Reading the voltages solves the iron.
         unit.get("emf_", numbered(n))
     np.testing.assert_array_equal(first, whole[:25])
     assert unit.kept(kept) == 0
@@ -305,7 +306,7 @@ def test_names_units_and_what_cannot_be_written(ring, maps, written, write_fmu_q
     root, *_ = unpacked(written["linear", "voltage", 2, False], tmp_path / "free")
     kinds = {each.get("name"): each.get("causality") for each in root.find("ModelVariables")}
     assert kinds["voltage_6"] == kinds["velocity_x"] == "input"
-    # A source of current is what a unit has without a drive.
+    # A drive that is a source of current gives the same unit as no drive.
     ideal = CoilDrive(WIDE, 6)
     plain = [
         write_fmu_quickly(ring.map, tmp_path / f"{k}" / "a.fmu", drive=one)
@@ -322,7 +323,7 @@ def test_names_units_and_what_cannot_be_written(ring, maps, written, write_fmu_q
 
 
 def test_a_bandwidth_is_met_at_zero_currents(ring, tmp_path):
-    """As in the simulator; here these lie beyond the domain, and the unit begins in its middle."""
+    """As in the simulator; here zero currents lie beyond the domain, and the unit begins in its middle."""
     data = saturating_data(ring, *KINDS["division"])
     data = replace(data, linkage=StoredLinkage(1e-3 * np.eye(6), np.zeros(6)))
     controller = CurrentController(bandwidth=50.0)
@@ -366,8 +367,8 @@ def test_fmpy_gets_the_simulator_s_currents(written, maps, fmpy, tmp_path, versi
 
 
 def test_fmpy_gets_what_a_bridge_leaves_of_its_voltage(ring, maps, fmpy, tmp_path):
-    """At last, by R: 2 dead times and the drop less against the current, and in proportion to it within its ripple. The
-    bridge is that of a device's file."""
+    """Settled currents times R: the voltage less that of 2 dead times and the drop, a loss in proportion to the current
+    within the ripple. The bridge comes from a device file."""
     path, unit, ohms = tmp_path / "a.h5", read_device("drive_unit"), 2.0 + np.arange(6)
     write_map(path, replace(ring.data, linkage=maps["linear"].linkage))
     bridge = Bridge(20e3, dead_time=0.5e-6, drop=0.7, ripple=4e-3)

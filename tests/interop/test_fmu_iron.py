@@ -32,7 +32,7 @@ KINDS_OF_IRON = {
 
 class Written(dict):
     """Units by kind of iron, version of FMI and whether a body is inside, each made by the first test that asks.
-    Those with memory in version 3 are compiled as users' are."""
+    Units with memory in version 3 are compiled with the options of users."""
 
     def __init__(self, ring, folder, write_fmu_quickly):
         self.maps = {name: saturating(ring, *KINDS["free"], **more) for name, more in KINDS_OF_IRON.items()}
@@ -143,7 +143,7 @@ PATH = np.random.default_rng(11).uniform(-1.0, 1.0, (STEPS, 4))
 
 
 def along(unit, path, asked=()):
-    """Outputs (n, 9) after a step to each of the currents; asked: currents whose outputs are read before it."""
+    """Outputs (n, 9) after a step to each of the currents; asked: currents whose outputs are read before each step."""
     rows = []
     for currents in path:
         for other in asked:
@@ -171,9 +171,9 @@ def compare(found, exact, relative):
 @pytest.mark.parametrize(("iron", "relative"), [("memory", 1e-5), ("no memory", 1e-3)])
 @pytest.mark.parametrize("version", [2, 3])
 def test_a_path_is_that_of_python(written, tmp_path, version, iron, relative):
-    """Without memory the tolerance of a solve is that of compiled callers, 1e-4."""
+    """Without memory, solves have the tolerance of compiled callers, 1e-4."""
     unit, m = Unit(written[iron, version, False], tmp_path), written.maps[iron]
-    # As it begins: the currents of the memory, or none.
+    # A unit begins with the currents of the memory, or with none.
     start = m.last_currents if m.remembers else np.zeros(4)
     np.testing.assert_array_equal(unit.get("current_", range(1, 5)), start)
     compare(along(unit, PATH), by_python(m, PATH), relative)
@@ -272,7 +272,7 @@ def test_fmpy_leads_the_memory(written, fmpy, tmp_path, version):
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_fmpy_moves_the_body_by_both_kinds(written, fmpy, tmp_path, version):
-    """The integrator of model exchange tries states; the iron remembers those that it keeps, at the same currents."""
+    """At constant currents. The integrator of model exchange tries states; the iron remembers only those it keeps."""
     m, currents = written.maps["memory"], PATH[0]
     path = str(written["memory", version, True])
     state = state_of(PLACE, angular_velocity=[0.5, -1.0, 3.0])

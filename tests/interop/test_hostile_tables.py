@@ -1,4 +1,4 @@
-"""What mutations of tables found: tracebacks, and gigabytes asked for by a few letters."""
+"""Faults that mutated tables found: tracebacks, and a few letters that made a reader ask for gigabytes."""
 
 import tracemalloc
 
@@ -57,7 +57,7 @@ def test_logs(tmp_path, text):
 
 
 def bomb():
-    """Nine names for nine lists each, nine deep: 4e8 texts where a reader makes an array of them."""
+    """Nine nested levels of nine names each: 4e8 texts for a reader that makes an array of them."""
     lines = ["a: &a [x, x, x, x, x, x, x, x, x]"]
     lines += [
         f"{new}: &{new} [{', '.join([f'*{old}'] * 9)}]"

@@ -37,7 +37,7 @@ def off(ours, exact):
 
 
 def test_field_derivatives_and_wrench_are_those_of_the_closed_form(ring):
-    """One point, of loops that have no symmetry at these currents: every sign, and the order of the axes."""
+    """At one point of loops without symmetry at these currents, so that every sign and the order of axes count."""
     point, moment = np.array([0.002, -0.003, -0.1]), np.array([0.1, 0.2, 0.8])
     each, slopes = (part[:, 0] for part in ring.fields(point[None]))
     flux, slope = CURRENTS @ each, np.tensordot(CURRENTS, slopes, 1)
@@ -66,7 +66,7 @@ def test_jacfwd_of_the_field_is_the_gradient(opened):
 
 @pytest.mark.parametrize("kind", ["harmonic", "global"])
 def test_the_reaction_of_the_iron(ring, kind):
-    """Fields of the coils in the place of those of a reaction, one of them negative."""
+    """Three coils' fields serve as those of a reaction, one of them negative."""
     stored = StoredReaction(ring.data.flux_density[:3], ring.data.gradient[:3], repelled=1)
     m = interpolate(replace(ring.data, reaction=stored), kind, "nan")
     points, moments = inside(m, 40), np.random.default_rng(2).normal(size=(40, 3))
@@ -78,7 +78,7 @@ def test_the_reaction_of_the_iron(ring, kind):
 
 @pytest.mark.parametrize("same", [True, False])
 def test_values_are_those_of_the_map(opened, same):
-    """At the same currents everywhere and at others at each point; few points, and many, which go in pieces."""
+    """At one set of currents and at one for each point; at few points, and at many, which go in pieces."""
     for n in (1, 3000):
         points = inside(opened, n)
         currents = CURRENTS if same else np.random.default_rng(1).normal(size=(n, 6))
@@ -106,7 +106,7 @@ def test_fixed_currents_edges_and_outside(opened):
     out = np.stack([opened.upper + 1e-6, [np.nan, 0, 0]])
     assert np.isnan(field(out, CURRENTS)).all()
     assert np.isnan(jax.vmap(jax.jacfwd(field), (0, None))(out, CURRENTS)).all()
-    # What lies outside does not spoil what lies inside.
+    # Points outside do not spoil the gradient inside.
     both = jax.grad(lambda p: jax.numpy.nansum(field(p, CURRENTS)))(np.concatenate([corners, out]))
     assert np.isfinite(both[:3]).all()
 
@@ -116,7 +116,7 @@ def test_clamped_outside(ring):
     far = m.upper + [0.01, -0.005, 0.02]
     assert off(jax_field(m)(far, CURRENTS), m.field(far, CURRENTS)) < 1e-12
     slope = jax.jacfwd(jax_field(m))(far, CURRENTS)
-    # It does not change with the distance.
+    # Along x and z, where the point is clamped, the field does not change.
     assert not np.asarray(slope)[:, [0, 2]].any()
     assert off(np.asarray(slope)[:, 1], m.gradient(far, CURRENTS)[:, 1]) < 1e-12
 

@@ -1,4 +1,4 @@
-"""The lines for JAX with numpy in the place of JAX, which compiles nothing: all forms and options in a moment.
+"""The code for JAX, run with numpy in its place, which compiles nothing: all forms and options in a moment.
 
 tests/interop/test_jax.py holds what JAX alone can do: derivatives, compilation, precision.
 """
@@ -24,7 +24,7 @@ from tests.interop.test_constant_field import constant_data
 
 CURRENTS = np.array([1.0, 2.0, 0.5, -1.0, 0.2, 1.5])
 SIZES, SHAPES = [], []
-# The package has this name for the function.
+# In the package this name is the function, not its module.
 MODULE = sys.modules[JaxEvaluator.__module__]
 
 
@@ -36,7 +36,7 @@ def rows_of(function, given, batch_size=None):
 
 
 def vmap(function, axes=(0,), out=0):
-    """Of one mapped argument, the last."""
+    """Over one mapped argument, the last."""
 
     def mapped(*given):
         rows = [function(*given[:-1], one) for one in given[-1]]
@@ -58,7 +58,7 @@ def jit(of):
 
 
 def jacfwd(of):
-    """Of a linear function."""
+    """For a linear function."""
     return lambda at: np.stack([of(row) for row in np.eye(len(at))], axis=-1)
 
 
@@ -69,7 +69,7 @@ def while_loop(goes_on, step, state):
 
 
 def custom_root(residual, start, solve, tangent_solve):
-    """What JAX derives by: the root is one, and the linear equations are solved."""
+    """What JAX differentiates by; checks that the root is one and that the linear equations are solved."""
     found = solve(residual, start)
     assert np.abs(residual(found)).max() <= 1e-9 * np.abs(residual(start)).max()
     matrix = np.random.default_rng(0).normal(size=(len(found),) * 2)
@@ -103,7 +103,7 @@ def harmonic(l, m, x, y, z):
 
 
 def potentials(points):
-    """(36, n): of each coefficient of a polynomial of degree 5."""
+    """Potentials (36, n), one for each coefficient of a polynomial of degree 5."""
     rows = []
     for l in range(6):
         rows.append(harmonic(l, 0, *points.T).real)
@@ -139,13 +139,13 @@ def inside(m, n, seed=0):
 
 @pytest.fixture(scope="module", params=["harmonic", "global"])
 def small(ring, request):
-    """A corner of the ring's map of unequal counts, as polynomials of cells or of the box."""
+    """A corner of the ring's map, with unequal counts of nodes, and the kind: polynomials of cells or of the box."""
     return cut(ring.data, (3, 2, 4)), request.param
 
 
 @pytest.mark.parametrize("outside", ["nan", "clamp"])
 def test_fields_and_derivatives_of_the_map(small, outside):
-    """At one point and at many, at currents of all and of each; at corners, beyond them, and at no number."""
+    """At one point and at many, at currents for all and for each; at corners, beyond them, at NaN and infinity."""
     m = interpolate(*small, outside)
     field = jax_field(m)
     ends = np.stack([m.lower, m.upper])
@@ -174,7 +174,7 @@ def test_fields_and_derivatives_of_the_map(small, outside):
 
 @pytest.mark.parametrize("same", [True, False])
 def test_many_points_go_in_pieces(small, same, monkeypatch):
-    """Beyond two pieces, and not before."""
+    """Only if there are more points than in two pieces."""
     monkeypatch.setattr(MODULE, "PIECE", 8)
     m = interpolate(*small)
     points = inside(m, 17)
@@ -204,7 +204,7 @@ def test_a_field_that_no_current_drives():
 
 @pytest.mark.parametrize("kind", ["free", "background"])
 def test_saturating_iron_is_that_of_the_c_core(ring, kind):
-    """Of two laws and a background, at currents from none to far beyond saturation."""
+    """Two laws, with and without a background, at currents from none to far beyond saturation."""
     m = saturating(ring, *KINDS[kind], outside_currents="evaluate")
     field, point = jax_field(m), m.lower + [0.011, 0.013, 0.017]
     state = CoreIron(core_numbers(compiled_currents(m))).state()
@@ -244,7 +244,7 @@ def test_an_evaluator_of_maps(small, outside):
 
 
 def test_an_evaluator_counts_what_lies_outside(small):
-    """On the edge, by no more than rounding, a point is inside; one that is no number is not outside."""
+    """A point beyond the edge by no more than rounding is inside; NaN and infinity do not count as outside."""
     ours = interpolate(*small, evaluator=JaxEvaluator)
     edge = block.EDGE * (ours.upper - ours.lower if small[1] == "global" else small[0].grid.spacing)
     near = np.stack([ours.lower - 0.5 * edge, ours.upper + 0.5 * edge])

@@ -32,7 +32,8 @@ MAGNET = FiniteMagnet(np.zeros((1, 3)), np.array([[0.0, 0.0, 0.8]]))
 
 
 def pid(env, seed, steps, gains=(60.0, 2.7, 60.0)):
-    """Rewards and places of an episode with a PID controller of the height, all coils alike, or of the z signal."""
+    """Rewards, places and whether the episode was cut, with a PID controller of the height through all coils alike or
+    through the z signal."""
     observation, _ = env.reset(seed=seed)
     whole, rewards, places = 0.0, [], []
     inner = env.unwrapped
@@ -64,7 +65,7 @@ def test_the_checker_passes(action):
 @pytest.mark.parametrize(("share", "ends"), [(0.98, False), (1.02, True)])
 @pytest.mark.parametrize("direction", [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.6, 0.0, 0.8]])
 def test_an_episode_ends_at_its_limit(share, ends, direction):
-    """3 mm from the target; in one period the magnet falls some 0.02 mm."""
+    """The limit is 3 mm from the target; in one period the magnet falls some 0.02 mm."""
     env = LevitationEnv(limit=3e-3)
     place = env.target + share * 3e-3 * np.array(direction)
     env.reset(seed=0, options={"state": dynamics.state_of(place)})
@@ -104,7 +105,7 @@ def test_the_motion_is_that_of_our_simulator(ring):
     run = move(env.field.at(amperes), env.body, begin, 0.04, 1e-4)
     np.testing.assert_allclose(env.state, run.states[-1], rtol=0, atol=1e-12)
     assert abs(env.state[2] - begin[2]) > 1e-5
-    # The made-up rig is that of these tests.
+    # The built-in rig is that of these tests.
     np.testing.assert_allclose(
         env.field.field([0, 0, -0.1], 1.0), ring.map.field([0, 0, -0.1], 1.0), rtol=1e-12
     )
@@ -112,7 +113,7 @@ def test_the_motion_is_that_of_our_simulator(ring):
 
 @pytest.mark.parametrize(("iron", "error"), [("model", 2e-5), ("linearised", None)])
 def test_the_iron_saturates(iron, error):
-    """Beside our simulator in the field of the map itself, an ampere and more off the currents at rest."""
+    """Against our simulator in the field of the map itself, an ampere and more from the currents at rest."""
     field = saturating_map(free=True)
     body = RigidBody(0.01119, np.full(3, 2e-7), MAGNET)
     env = LevitationEnv(
@@ -131,7 +132,7 @@ def test_the_iron_saturates(iron, error):
 @pytest.fixture(scope="module")
 def divided():
     """A map over a division: six loops in two rows, three more as the fields of the iron, and the model of the iron of
-    `saturating_map`. A body that some of its currents carry, and that place."""
+    `saturating_map`. Also a body whose weight the middle of the domain carries, and its place."""
     grid = Grid([-0.02, -0.02, -0.12], np.full(3, 0.005), (9, 9, 13))
     angles = np.radians([240, 180, 120, 300, 0, 60, 90, 210, 330])
     centres = 0.044 * np.column_stack([np.cos(angles), np.sin(angles), np.full(9, 0.6)])
@@ -155,7 +156,7 @@ def test_the_checker_passes_over_a_division(divided, action, iron):
     env = LevitationEnv(*divided, action=action, iron=iron, noise=[1e-5] * 3)
     assert env.action_space.shape == (3,)
     check_env(env, skip_render_check=True)
-    # Equal seeds are equal episodes, whatever the model of the iron has solved in between.
+    # The same seed gives the same episode, whatever the model of the iron has solved in between.
     episodes = []
     for far in (0.1, 0.9, 0.1):
         seen = [env.reset(seed=4)[0]] + [env.step(far * np.ones(3))[0] for _ in range(3)]
@@ -172,8 +173,8 @@ def machine_of(env, drive, iron):
 @pytest.mark.parametrize("iron", ["model", "table"])
 @pytest.mark.parametrize("winding", [None, 0.02])
 def test_signals_of_a_division_move_the_machine(divided, iron, winding):
-    """Beside the machine that is moved sample by sample, at the currents that the signals make; with windings the iron
-    is solved at every step."""
+    """Against the machine moved sample by sample, at the currents that the signals make; with windings the iron is
+    solved at every step."""
     coils = (
         {} if winding is None else {"resistance": [2.0] * 6, "inductance": [winding] * 6, "supply": (-20, 20)}
     )
@@ -206,7 +207,7 @@ def test_signals_stay_in_the_ranges_of_the_division(divided):
 
 
 def test_forces_by_the_signals_of_a_division(divided):
-    """Of three signals, a thousandth of the weight along each axis and nothing along the others."""
+    """Each of three signals gives a thousandth of the weight along its axis and nothing along the others."""
     env = LevitationEnv(*divided, action="signals", start=0.0, tilt=0.0, span=1e-3)
     weight, moment = env.body.mass * env.body.gravity, MAGNET.moments[0]
     held = env.field.wrench(env.target, moment, env.rest)[:3]
@@ -222,11 +223,11 @@ def test_forces_by_the_signals_of_a_division(divided):
 
 
 def test_solves_that_do_not_converge_and_currents_beyond_the_map_are_told(divided):
-    """With a tolerance of zero no solve converges: one a step while currents jump, none while they stay."""
+    """With a tolerance of zero no solve converges: one fails in a step in which currents jump, none while they stay."""
     env = LevitationEnv(*divided)
     _, info = env.reset(seed=0)
     assert info == {"unsolved": 0, "outside": 0}
-    # The tolerance of a solve is that of the next ones, too.
+    # The tolerance of this solve holds for the next ones, too.
     plant = env._machine.plant
     weights = np.empty(len(env._machine.weights))
     IronState(plant.iron).solve(env.currents, weights, tolerance=0.0)
@@ -235,13 +236,13 @@ def test_solves_that_do_not_converge_and_currents_beyond_the_map_are_told(divide
     assert env.step(np.full(3, 0.2))[4] == {"unsolved": 1, "outside": 0}
     assert env.reset(seed=0)[1] == {"unsolved": 0, "outside": 0}
     assert env.step(np.full(3, 0.1))[4] == {"unsolved": 0, "outside": 0}
-    # Free currents may leave the map's, of 3 A.
+    # Free currents may leave the map's range, up to 3 A.
     body = RigidBody(0.01119, np.full(3, 2e-7), MAGNET)
     env = LevitationEnv(saturating_map(free=True), body, (0.0, 0.0, 0.0), span=3.5, start=0.0, tilt=0.0)
     env.reset(seed=0)
     assert env.step(np.full(6, 0.01))[4]["outside"] == 0
     assert env.step(np.ones(6))[4] == {"unsolved": 0, "outside": 1}
-    # Of linear iron there is nothing to solve.
+    # With linear iron there is nothing to solve.
     plain = LevitationEnv()
     plain.reset(seed=0)
     assert plain.step(np.zeros(6))[4] == {"unsolved": 0, "outside": 0}
@@ -278,7 +279,7 @@ def test_rest_signals_and_reward(ring):
 )
 @pytest.mark.parametrize(("beyond", "held"), [(-1e-3, False), (1e-3, True)])
 def test_currents_stay_within_the_drive(drive, limit, beyond, held):
-    """Some 1.8 A at rest; what is asked for is just inside a limit or just beyond."""
+    """At rest they are some 1.8 A; the currents asked for are just inside a limit or just beyond it."""
     env = LevitationEnv(drive=CoilDrive(coils=6, **drive), span=1.0)
     env.reset(seed=0)
     env.step(limit + beyond - env.rest)
@@ -286,7 +287,7 @@ def test_currents_stay_within_the_drive(drive, limit, beyond, held):
 
 
 def test_actions_count_to_one():
-    """What is beyond counts as 1; just inside it is what it is."""
+    """An action beyond 1 counts as 1; one just inside counts as it is."""
     env = LevitationEnv(span=0.2)
     for given, taken in ((0.999, 0.999), (1.0, 1.0), (1.001, 1.0), (-1.001, -1.0)):
         env.reset(seed=0)
@@ -295,7 +296,7 @@ def test_actions_count_to_one():
 
 
 def test_an_episode_is_cut_after_its_length():
-    """Ten seconds of periods of 2 ms, or what `make` is given: the last step is cut, none before."""
+    """Ten seconds of periods of 2 ms, or the length given to `make`: the last step is cut, none before."""
     assert gymnasium.spec(ENVIRONMENT).max_episode_steps == 5000
     env = gymnasium.make(ENVIRONMENT, max_episode_steps=3, disable_env_checker=True)
     env.reset(seed=0)
@@ -303,7 +304,7 @@ def test_an_episode_is_cut_after_its_length():
 
 
 def test_seeds_alone_or_side_by_side():
-    """Of several in one vectorised environment each does what it does alone; other seeds, other episodes."""
+    """In a vectorised environment each does what it does alone; other seeds give other episodes."""
     actions = np.random.default_rng(0).uniform(-0.02, 0.02, (20, 4, 6))
     keys = {"noise": [1e-5] * 3}
     together = gymnasium.make_vec(ENVIRONMENT, 4, vectorization_mode="sync", **keys)
@@ -356,7 +357,7 @@ def test_a_bead_of_soft_iron_rests_and_answers_signals():
 
 @pytest.mark.parametrize("bandwidth", [50.0, 500.0])
 def test_coils_that_linkages_couple(ring, bandwidth):
-    """Beside the machine that is moved sample by sample; a slow controller is behind what it is asked for."""
+    """Against the machine moved sample by sample; a slow controller lags behind what it is asked for."""
     body = RigidBody(0.01119, [6.8e-7, 7.1e-7, 1.9e-7], MAGNET)
     linkage = StoredLinkage(0.01 * (np.eye(6) + 0.2), np.zeros(6))
     field = interpolate(replace(ring.data, linkage=linkage))
@@ -374,7 +375,7 @@ def test_coils_that_linkages_couple(ring, bandwidth):
         np.testing.assert_allclose(env.currents, rig.currents, rtol=1e-12)
         np.testing.assert_allclose(env.state, rig.state, rtol=0, atol=1e-13)
         behind.append(np.abs(env.currents - asked).max())
-    # After a period of 2 ms: exp(-2 pi bandwidth period) of a jump.
+    # After a period of 2 ms, exp(-2 pi bandwidth period) of a jump is left.
     share = np.exp(-2 * np.pi * bandwidth * env.period)
     assert 0.1 * share < np.mean(behind) / 0.1 < 2.5 * share + 0.02
     again = env.reset(seed=2)[0]
@@ -441,7 +442,7 @@ def test_where_an_episode_begins():
 
 
 def test_air_slows_the_body_unless_another_drag_is_given():
-    """1 mN s/m and 1e-8 N m s; beside our simulator, from a body that moves and turns."""
+    """By 1 mN s/m and 1e-8 N m s unless another is given; against our simulator, with a body that moves and turns."""
     begin = dynamics.state_of([0.0, 0.0, -0.09], (0.1, -0.2, 0.05), (1.0, 0.0, 0.0, 0.0), (20.0, -30.0, 10.0))
     air = Drag(linear=(1e-3,) * 3, turning=(1e-8,) * 3)
     ends = []
@@ -456,7 +457,7 @@ def test_air_slows_the_body_unless_another_drag_is_given():
 
 
 def test_steps_divide_the_period():
-    """As many as are nearest; one at least."""
+    """Their number is the nearest whole one, at least one."""
     for step, other in ((1.2e-3, 1e-3), (1.0, 2e-3), (1.1e-4, 2e-3 / 18)):
         ends = []
         for length in (step, other):
@@ -481,7 +482,7 @@ def test_an_episode_ends_outside_the_map():
 
 
 def test_a_rig_of_ones_own(ring, tmp_path):
-    """A map, its file, or a field with a box; the magnet beside the body's centre; all of it, or nothing."""
+    """A map or its file, by either kind of path; the magnet off the body's centre; all three arguments, or none."""
     seat = np.array([1e-3, -2e-3, 3e-3])
     body = RigidBody(0.02, np.full(3, 2e-7), MAGNET, magnet_at=seat)
     given = {"field": ring.map, "body": body, "target": (0.001, 0.002, -0.095)}

@@ -1,4 +1,4 @@
-"""Maps for mag_manip, read as its source says that it reads them, and back. Its wheel: test_mag_manip_program.py."""
+"""Maps for mag_manip, read as its source code reads them, and read back. Its wheel: test_mag_manip_program.py."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def load(path):
 
 
 def read_as_the_program(entry, points):
-    """B (n, 3) as mag_manip of Tesla_core 4.0.1 has it, anew from its source in mag_control/mag_manip.
+    """B (n, 3) as mag_manip of Tesla_core 4.0.1 gives it, written anew from its source in mag_control/mag_manip.
 
     include/mag_manip/interpolate_regular.h:325: node (i, j, k) is column i dim_x dim_y + j dim_y + k of the data.
     src/interpolate_regular.cpp:58-342: derivatives at the nodes, also mixed ones, are central differences in steps of
@@ -87,12 +87,12 @@ def test_the_program_reads_the_field_of_a_map_of_unequal_counts(flat, tmp_path, 
     size = np.linalg.norm(exact, axis=-1).max(axis=0)
     seen = (np.linalg.norm(read - exact, axis=-1).max(axis=0) / size).max()
     assert seen < (ACCURACY if spacing is None else 2e-3)
-    # What is stated is what is seen, or a little more: its points lie where the error is largest.
+    # The stated error is what is seen, or a little more: it is taken where the error is largest.
     assert seen < 1.1 * sampled.flux_error < 2 * seen
 
 
 def test_one_field_at_fixed_currents(flat, tmp_path):
-    """What a map of saturating iron can be written as: here it is known to be the sum of the coils."""
+    """So a map of saturating iron can be written; this map's field is known: the sum of the coils'."""
     sampled = sample_for_mag_manip(flat, currents=[1.5, -0.5])
     content = load(sampled.write(tmp_path / "fixed.yaml"))
     (entry,) = content["vfields"].values()
@@ -115,14 +115,14 @@ def test_saturating_iron_needs_currents(flat, monkeypatch):
 def test_as_many_nodes_as_the_spacing_asks_for(flat, ring):
     # The longest side is 48 mm.
     assert sample_for_mag_manip(flat, 0.005).count == 11
-    # Nothing is lost of a map that needs no more nodes than it has.
+    # The longest side of the ring's map is 60 mm.
     assert sample_for_mag_manip(ring.map, 0.005).count == 13
     assert sample_for_mag_manip(flat).count > 13
     assert sample_for_mag_manip(flat).to_dict()["map_nodes"] == [6, 5, 9]
 
 
 def test_its_accuracy_is_of_second_order(flat):
-    """One-sided differences: with half the spacing a quarter of the error of B, and half that of the gradient."""
+    """With half the spacing, one-sided differences leave a quarter of the error of B and half that of the gradient."""
     coarse, fine = (sample_for_mag_manip(flat, 0.048 / cells) for cells in (12, 24))
     assert coarse.flux_error / fine.flux_error == pytest.approx(4, rel=0.2)
     assert coarse.gradient_error / fine.gradient_error == pytest.approx(2, rel=0.2)
@@ -170,13 +170,13 @@ def of_gradient(slope, curvature=0.0):
 
 
 def test_a_linear_field_is_read_as_it_is():
-    """Differences are exact for it, central and one-sided: nothing is left but the rounding of the box."""
+    """Central and one-sided differences are exact for it: nothing is left but the rounding of the box."""
     slope = np.array([[1.0, 2.0, 3.0], [2.0, 5.0, -4.0], [3.0, -4.0, -6.0]])
     sampled = sample_for_mag_manip(of_gradient(slope))
     assert sampled.count == 7
     assert sampled.flux_error < 1e-5
     assert sampled.gradient_error < 1e-5
-    # Single precision beyond the box, by no more than its rounding.
+    # The box is rounded to single precision outwards, by no more than its rounding.
     for face, edge, sense in (
         (sampled.lower, [-0.02, -0.01, -0.12], -1),
         (sampled.upper, [0.005, 0.006, -0.084], 1),
@@ -187,25 +187,26 @@ def test_a_linear_field_is_read_as_it_is():
 
 
 def test_a_quadratic_field_is_off_by_what_one_sided_differences_miss():
-    """Of f = a x^2 the slope of an outermost node is off by a h, of the first the interpolation by 4/27 a h^2, at a
-    third of the cell; inside it is exact. The field's other component, -2 a x z, is exact in its own cells."""
+    """For f = a x^2 the slope at an outermost node is off by a h, and the interpolation in its cell by 4/27 a h^2, a
+    third into the cell; further inside both are exact. The other component, -2 a x z, is linear along each axis, so it
+    is exact."""
     curvature, count = 50.0, 13
     sampled = sample_for_mag_manip(of_gradient(np.zeros((3, 3)), curvature), 0.003)
     assert sampled.count == count
     h = (sampled.upper - sampled.lower) / (count - 1)
-    # x^2 - z^2: both are off in an edge of the box, with opposite signs; the larger step is that of z.
+    # x^2 - z^2: on an edge of the box both are off, with opposite signs; z, with the larger step, decides.
     off = 4 / 27 * curvature * max(h[0], h[2]) ** 2
     x, z = (np.linspace(sampled.lower[k], sampled.upper[k], 200) for k in (0, 2))
     x, z = np.meshgrid(x, z)
     size = curvature * np.hypot(x**2 - z**2, 2 * x * z).max()
     assert sampled.flux_error == pytest.approx(off / size, rel=0.03)
-    # Its slope there by a h along x and along z, in a corner nearly by both.
+    # The slope there is off by a h along x and along z, in a corner nearly by both.
     steepest = 0.5 * 8**0.5 / np.hypot(h[0], h[2]) * sampled.gradient_error * np.hypot(0.02, 0.12)
     assert 0.85 < 2 * steepest < 1.0
 
 
 def test_nodes_are_added_until_the_error_is_small_enough(flat, monkeypatch):
-    """By the square of the spacing, and up to a limit."""
+    """The error goes with the square of the spacing; the number of nodes has a limit."""
     begin = sample_for_mag_manip(flat, 0.006)
     assert (begin.count, begin.map_nodes) == (9, (6, 5, 9))
     for accuracy, most, count in ((1.001, 99, 9), (0.999, 99, 10), (0.21, 99, 19), (0.2, 12, 12)):
@@ -216,7 +217,7 @@ def test_nodes_are_added_until_the_error_is_small_enough(flat, monkeypatch):
 
 
 def test_what_is_said_of_a_field(flat, tmp_path):
-    """Its currents in its name, what was done in a comment, the same numbers for programs."""
+    """The currents are in its name, a comment states what was done, and programs get the same numbers."""
     sampled = sample_for_mag_manip(flat, 0.006, [1.5, -0.25])
     assert sampled.coil_names == ("1.5 A in coil 1, -0.25 A in coil 4",)
     middle = flat.field((sampled.lower + sampled.upper) / 2, [1.5, -0.25])
@@ -237,7 +238,7 @@ def test_what_is_said_of_a_field(flat, tmp_path):
 
 @pytest.mark.parametrize(("coils", "last"), [(2, "coil_01"), (100, "coil_99"), (101, "coil_100")])
 def test_keys_of_coils_sort_in_the_order_of_currents(tmp_path, coils, last):
-    """As texts; and what would end a name or a line is left out."""
+    """Keys sort as texts; characters that would end a name or a line are left out."""
     corner, names = np.arange(3.0), tuple(f"a\n{k}" for k in range(coils))
     data = np.arange(24.0 * coils).reshape(2, 2, 2, coils, 3)
     made = VectorFields('a "title"\\', names, corner, corner + [1, 2, 4], data, (2, 3, 4), 1e-5, 1e-3)
@@ -252,7 +253,7 @@ def test_keys_of_coils_sort_in_the_order_of_currents(tmp_path, coils, last):
 
 
 def entry(counts, lower, upper, slope):
-    """Of a coil with B = slope x, z fastest."""
+    """The entry of a coil with B = slope x, z fastest."""
     axes = [np.linspace(*ends) for ends in zip(lower, upper, counts, strict=True)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     made = {"data": (points @ slope.T).tolist()}
@@ -264,7 +265,7 @@ def entry(counts, lower, upper, slope):
 
 
 def test_a_file_of_another_program(tmp_path):
-    """Two coils, each on a grid of its own, listed out of order; nodes as close as the closest of the file."""
+    """Two coils, each on a grid of its own, listed out of order; the map's nodes are as close as the file's closest."""
     one = np.array([[1.0, 2.0, 3.0], [2.0, 5.0, -4.0], [3.0, -4.0, -6.0]])
     other = np.diag([1.0, 2.0, -3.0])
     fields = {
@@ -275,12 +276,12 @@ def test_a_file_of_another_program(tmp_path):
     path.write_text(yaml.dump({"vfields": fields}))
     back = read_mag_manip(path)
     assert back.data.coil_names == ("a", "b")
-    # Along x 9 mm in the one, 10 mm in the other.
+    # Spacing along x: 9 mm in a, 10 mm in b.
     assert back.data.grid.shape == (4, 5, 5)
     field, point = interpolate(back.data), np.array([0.011, 0.007, -0.083])
     np.testing.assert_allclose(field.unit_field(point), [one @ point, other @ point], atol=1e-8)
     assert read_mag_manip(path, 0.02).data.grid.shape == (3, 3, 3)
-    # Whole numbers are numbers; too few, too many or rows of two are not read.
+    # Whole numbers are read; too few rows, rows of two numbers and texts are not.
     fields["b"]["data"][0] = [0, 0, 0.3]
     for data in (fields["b"]["data"], fields["b"]["data"][1:], [[0.0, 0.0]] * 24, [[0.0, 0.0, "x"]] * 24):
         path.write_text(yaml.dump({"vfields": {"b": fields["b"] | {"data": data}}}))
@@ -302,5 +303,5 @@ def test_no_more_than_a_hundred_coils_are_read(tmp_path, monkeypatch):
 
     assert refusal(101).received == "101 vfields, where 1 to 100 are read"
     monkeypatch.setattr(mag_manip, "MOST_COILS", 2)
-    # Eight readings are too few for a fit, which is tried.
+    # Two coils are few enough: it is the fit that finds eight readings too few.
     assert [refusal(coils).where for coils in (2, 3)] == ["fit_map", str(tmp_path / "a.yaml")]

@@ -18,7 +18,7 @@ GRID = Grid([-0.02, -0.015, -0.15], [0.008, 0.0075, 0.006], (6, 5, 9))
 
 @pytest.fixture(scope="session")
 def program(validation, usable):
-    """The module that runs it."""
+    """The module that runs mag_manip."""
     found = validation("mag_manip_program")
     usable(found.PROGRAM)
     return found
@@ -45,7 +45,7 @@ def share(ours, exact):
 
 
 def test_the_field_of_a_map_of_unequal_counts(program, tmp_path):
-    """B within 1e-4 in the whole box, faces and corners; what is stated of B and gradient is what is read."""
+    """B within 1e-4 in the box, on faces and corners too; the stated errors of B and gradient are those that occur."""
     field = loops(2)
     sampled = sample_for_mag_manip(field)
     path = sampled.write(tmp_path / "two.yaml")
@@ -60,7 +60,7 @@ def test_the_field_of_a_map_of_unequal_counts(program, tmp_path):
 
 
 def test_currents_are_in_the_order_of_the_coils(program, tmp_path):
-    """Of eleven coils, whose names the program sorts as texts; and it finds currents for a field."""
+    """Of eleven coils, whose names the program sorts as texts; it also finds currents for a field."""
     field = loops(11)
     path = write_mag_manip(field, tmp_path / "eleven.yaml", spacing=0.006)
     points = program.box_points(field, 50)
@@ -69,14 +69,14 @@ def test_currents_are_in_the_order_of_the_coils(program, tmp_path):
     exact = field.unit_field(points)
     assert read.unit_field.shape == (len(points), 11, 3)
     assert program.field_error(read.unit_field, exact) < 2e-3
-    # Neighbours differ by far more.
+    # Neighbouring coils differ by far more.
     assert program.field_error(np.roll(read.unit_field, 1, axis=1), exact) > 0.1
     wanted = field.field(points, currents)
     assert share(np.einsum("nci,nc->ni", exact, read.inverse), wanted) < 4e-3
 
 
 def test_unequal_counts_are_what_it_cannot_read(program, tmp_path):
-    """The reason for the resampling: the same numbers with unequal counts, in the order of its documentation."""
+    """The reason for resampling: the same numbers in its documented order, with unequal counts, are read wrongly."""
     field = loops(1, Grid([-0.02, -0.02, -0.15], [0.005, 0.005, 0.005], (9, 9, 9)))
     lines = write_mag_manip(field, tmp_path / "equal.yaml", spacing=0.005).read_text().splitlines()
     data = [line for line in lines if line.startswith("    - [")]

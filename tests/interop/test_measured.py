@@ -28,7 +28,7 @@ def readings(ring, n, noise, seed=0):
 
 
 def errors(ring, measured, currents, n=500):
-    """Largest differences from the true field and gradient, and the largest of these."""
+    """Largest errors of field and gradient, and the largest values of both."""
     rng = np.random.default_rng(9)
     points = ring.map.lower + rng.random((n, 3)) * (ring.map.upper - ring.map.lower)
     m = interpolate(measured.data)
@@ -43,14 +43,14 @@ def test_without_noise_the_field_is_found(ring):
     assert flux < 4e-5 * largest
     assert slope < 1e-3 * steepest
     assert measured.report.degree >= 8
-    # The numbers of the map themselves, at its nodes.
+    # The map's own numbers, at its nodes.
     data = measured.data
     _, exact = ring.fields(data.grid.points())
     assert np.abs(data.gradient.reshape(exact.shape) - exact).max() < 5e-3 * np.abs(exact).max()
 
 
 def test_many_nodes_take_little_more_memory_than_their_map(ring, monkeypatch):
-    """Whatever the parts in which they are evaluated, fields and errors are the same."""
+    """Fields and errors do not depend on the parts in which they are evaluated."""
     taken = readings(ring, 400, 20e-6)
     whole = fit_map(taken, 0.005, degree=4)
     monkeypatch.setattr(measured_map, "_NODES_AT_ONCE", 7)
@@ -76,7 +76,7 @@ def test_noise_is_taken_out_and_stated(ring):
     assert noise < report.held_out < 1.3 * noise
     assert report.held_out < report.held_out_worst < 7 * noise
     (flux, slope), _ = errors(ring, measured, np.ones(6))
-    # Standard errors hold with all coils at their reference currents, here 2 A: six coils at 1 A err by less.
+    # Standard errors hold with all coils at their reference currents, here 2 A; those above are at 1 A, and smaller.
     assert flux < report.standard_error.flux_density < 20 * flux
     assert slope < report.standard_error.gradient < 40 * slope
     # Four times the readings, half the error.
@@ -89,7 +89,7 @@ def test_a_measured_map_goes_through_the_file_and_says_what_it_is(ring, tmp_path
     measured = fit_map(readings(ring, 500, 1e-6), 0.01)
     opened = open_map(write_map(tmp_path / "measured.h5", measured.data))
     there = interpolate(measured.data).field([0, 0, -0.1], np.ones(6))
-    # A file holds the field at the reference currents, which are those of the readings and no round numbers.
+    # The file holds the field at the reference currents, which come from the readings and are no round numbers.
     np.testing.assert_allclose(
         opened.field([0, 0, -0.1], np.ones(6)), there, rtol=0, atol=1e-15 * np.abs(there).max()
     )
@@ -101,7 +101,7 @@ def test_a_measured_map_goes_through_the_file_and_says_what_it_is(ring, tmp_path
 def test_coils_that_cannot_be_told_apart(ring):
     some = readings(ring, 400, 0.0)
     same = Measurements(NAMES, some.points, np.ones((400, 6)), some.flux_density)
-    # All six coils carry the same: one of the six shares of the 24 harmonics each is determined.
+    # All six coils carry the same current: of 6 x 24 shares of harmonics only 24 sums are determined.
     with pytest.raises(InputError, match="rank 24 of 144"):
         fit_map(same, 0.01, degree=4)
     with pytest.raises(InputError, match="9 readings"):
@@ -127,13 +127,13 @@ LOWER, UPPER = np.array([-0.01, -0.02, -0.12]), np.array([0.02, 0.01, -0.08])
 
 
 def parts_of_field(points):
-    """B (n, 3, 8) of the fields of degree 2: three that are the same everywhere, and of five gradients."""
+    """B (n, 3, 8) of the fields of degree 2: three uniform ones and five with a gradient each."""
     every = [np.broadcast_to(np.eye(3), (len(points), 3, 3)), np.einsum("kij,nj->nik", SLOPES, points)]
     return np.concatenate(every, axis=-1)
 
 
 def some_readings(n=60, noise=1e-3, coils=2, seed=0):
-    """Of fields of degree 2, T, with noise, in the corners of a box of unequal sides and inside."""
+    """Of fields of degree 2, T, with noise, in two corners of a box of unequal sides and inside."""
     rng = np.random.default_rng(seed)
     points = LOWER + rng.random((n, 3)) * (UPPER - LOWER)
     points[:2] = LOWER, UPPER
@@ -145,7 +145,7 @@ def some_readings(n=60, noise=1e-3, coils=2, seed=0):
 
 
 def test_a_fit_is_that_of_the_textbook():
-    """Least squares by hand, of two coils whose largest currents differ: numbers, residual, standard errors."""
+    """Against least squares by hand, of two coils whose largest currents differ."""
     given, design, _ = some_readings()
     given = Measurements(NAMES[:2], given.points, given.currents * [1.0, 2.0], given.flux_density)
     design = design * np.repeat([1.0, 2.0], 8)
@@ -193,7 +193,7 @@ def test_a_fit_is_that_of_the_textbook():
 
 
 def test_readings_are_predicted_by_fits_without_them():
-    """A fifth at a time, by whole fits to the other four."""
+    """Each fifth by a whole fit to the other four."""
     given, _, _ = some_readings()
     report = fit_map(given, 0.01, degree=3).report
     fold = np.random.default_rng(20250321).permutation(60) % 5
@@ -211,7 +211,7 @@ def test_readings_are_predicted_by_fits_without_them():
 
 @pytest.mark.parametrize("degree", [2, 3, 5])
 def test_the_degree_is_that_of_the_field(degree):
-    """The gradient of x^l in all degrees, made harmonic in the plane."""
+    """The field is a sum of the gradients of Re (x + i z)^l, from degree 1 to this one."""
     rng = np.random.default_rng(3)
     points = rng.uniform(-1, 1, (200, 3))
     w = points[:, 0] + 1j * points[:, 2]
@@ -268,7 +268,7 @@ def test_what_a_fit_may_take(monkeypatch):
         ):
             fit_map(given, 0.01, degree=2)
     monkeypatch.undo()
-    # Three arrays of 8 bytes for each unknown and reading.
+    # 8 bytes for each unknown and each of the three components of a reading.
     for most, fits in ((24 * 15 * 20, True), (24 * 15 * 20 - 1, False)):
         monkeypatch.setattr(measured_map, "MOST_BYTES", most)
         if fits:
@@ -285,8 +285,8 @@ def test_what_a_fit_may_take(monkeypatch):
 
 
 def signed(n=60, size=0.05):
-    """Readings of one coil whose components all miss a field of degree 2 by the same, up or down, T; the field is 1 T
-    in the root mean square."""
+    """Readings of one coil whose components all differ by the same amount, T, up or down, from a field of degree 2; the
+    field is 1 T in the root mean square."""
     given, design, true = some_readings(n, 0.0, coils=1)
     flux = (design @ true).reshape(-1, 3)
     flux /= np.sqrt(np.mean(flux**2))
@@ -294,8 +294,8 @@ def signed(n=60, size=0.05):
 
 
 def limits(flux, design, k):
-    """What a reading must be off the prediction of the others to be wild: 20 of its standard errors, 5 times the worst
-    of the others; and that prediction."""
+    """What a reading must differ from the prediction of the others to be wild: 20 of its standard errors, and 5 times
+    the largest such difference among the others; then that prediction."""
     rows = np.arange(3 * k, 3 * k + 3)
     others = np.delete(np.arange(design.shape[0]), rows)
     found = np.linalg.lstsq(design[others], flux.ravel()[others])[0]
@@ -311,7 +311,7 @@ def limits(flux, design, k):
 @pytest.mark.parametrize(("beyond", "wild"), [(0.97, False), (1.03, True)])
 @pytest.mark.parametrize("which", ["errors", "others", "field"])
 def test_a_reading_is_wild_beyond_three_limits(which, beyond, wild):
-    """Each where it is the largest of the three."""
+    """Each limit where it is the largest of the three."""
     size = {"errors": 0.05, "others": 0.02, "field": 1e-4}[which]
     given, flux, design = signed(size=size)
     if which == "others":
@@ -367,7 +367,7 @@ def test_twenty_wild_readings_are_named_and_no_more():
 
 @pytest.mark.parametrize(("noise", "fits"), [(0.45, True), (0.7, False)])
 def test_readings_that_are_half_noise_are_no_field(noise, fits):
-    """The root mean square of what is not predicted, over that of the readings."""
+    """By the root mean square of what is not predicted, over that of the readings."""
     given, flux, _ = signed(200, noise)
     flux *= 1e-3
     given = Measurements(given.coil_names, given.points, given.currents, flux)
@@ -384,7 +384,7 @@ def test_readings_that_are_half_noise_are_no_field(noise, fits):
 @pytest.mark.parametrize("turn", [None, [0.3, -0.4, 0.2]])
 @pytest.mark.parametrize(("thick", "flat"), [(0.9e-3, True), (1.1e-3, False)])
 def test_readings_lie_in_a_plane_if_they_are_thinner_than_a_thousandth(turn, thick, flat):
-    """Of the second of their three extents, whose first is ten times as long."""
+    """A thousandth of the second of their three extents; the first is ten times the second."""
     rng = np.random.default_rng(2)
     axes = np.linalg.qr(np.column_stack([np.ones(60), rng.normal(size=(60, 3))]))[0][:, 1:]
     local = axes * [1.0, 0.1, 0.1 * thick]

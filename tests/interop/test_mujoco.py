@@ -201,7 +201,7 @@ def several(integrator="Euler"):
 
 
 def test_several_magnets_on_joints_compiled_and_in_python(ring):
-    """Also what MuJoCo's derivatives make of it: A of its own finite differences."""
+    """Also the matrix A of MuJoCo's own finite differences."""
     found = []
     for compiled in (True, False):
         model, data = several()
@@ -211,7 +211,7 @@ def test_several_magnets_on_joints_compiled_and_in_python(ring):
             slope = np.zeros((n, n))
             mujoco.mjd_transitionFD(model, data, 1e-6, True, slope, None, None, None)
             mujoco.mj_forward(model, data)
-            # Another currents' force at once, and the same for another data.
+            # Other currents act at once, on other data too.
             magnets.currents *= 0.5
             other = mujoco.MjData(model)
             mujoco.mj_forward(model, other)
@@ -226,7 +226,7 @@ def test_several_magnets_on_joints_compiled_and_in_python(ring):
 
 
 def pair_energy(data, model):
-    """Of dipoles on each other, J."""
+    """Energy of the dipoles in each other's fields, J."""
     at = {name: mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) for name in MAGNETS}
     places = {name: data.xpos[k] for name, k in at.items()}
     moments = {name: data.xmat[k].reshape(3, 3) @ MAGNETS[name] for name, k in at.items()}
@@ -240,7 +240,7 @@ def pair_energy(data, model):
 
 
 def test_magnets_on_each_other(ring):
-    """Generalised forces are what the energy of the dipoles loses, by differences."""
+    """Generalised forces against the loss of the dipoles' energy, by differences."""
     model, data = several()
     none = np.zeros(6)
     mujoco.mj_forward(model, data)
@@ -262,7 +262,7 @@ def test_magnets_on_each_other(ring):
 
 
 def test_bodies_on_each_other_near_iron(tmp_path):
-    """A magnet with a bead beside it, and a bead, below a core: as our simulator has them."""
+    """A magnet with a bead attached, and another bead, below a core: against our simulator."""
     path = fm.generate(fm.read_device("desk_levitator"), tmp_path / "map.h5", spacing=3e-3, progress=False)
     field = fm.open_map(path)
     pieces = [fm.PayloadPiece(fm.MagnetCylinder(4e-3, 4e-3, 1.2))]
@@ -311,7 +311,7 @@ def test_energy_of_several_magnets_is_kept(ring):
 
 
 def falling(ring, magnet, known, currents, steps):
-    """A body tilted and turning: where it begins, and where MuJoCo's Runge-Kutta steps bring it."""
+    """The body, tilted and turning, where it begins, and where MuJoCo's Runge-Kutta steps bring it."""
     body = RigidBody(MASS, np.array([6e-7, 7e-7, 3e-7]), magnet, gravity=GRAVITY)
     begin = state_of([0.003, 0.002, HEIGHT], (0.01, 0.0, 0.02), (1.0, 0.1, -0.05, 0.2), (3.0, -2.0, 20.0))
     text = f"""<mujoco><option timestep="1e-4" gravity="0 0 -{GRAVITY}" integrator="RK4"/><worldbody><body name="float">
@@ -325,7 +325,7 @@ def falling(ring, magnet, known, currents, steps):
 
 
 def turned_alike(data, found):
-    """By how much two attitudes differ; q and -q are one."""
+    """By how much two attitudes differ; q and -q are the same attitude."""
     return min(np.abs(data.qpos[3:] - sign * found[6:10]).max() for sign in (1, -1))
 
 
@@ -381,7 +381,7 @@ def test_poses_of_soft_iron_are_those_of_our_simulator(ring):
     found = run.states[-1]
     assert np.abs(data.qpos[:3] - found[:3]).max() < 1e-8
     assert turned_alike(data, found) < 1e-5
-    # Energy with that of the induced moments is kept.
+    # The energy, with that of the induced moments, is kept.
     total = energy(ring.map.at(currents), body, run.states[[0, -1]])
     magnetic = BODY.energy(ring.map, [begin[:3], found[:3]], currents, None)
     assert abs(np.ptp(total)) < 1e-6 * abs(magnetic).max()
@@ -402,7 +402,7 @@ FREE, HINGED = "<freejoint/>", '<joint type="slide"/><joint type="hinge" axis="1
     ids=["one", "three", "three by RK4", "one hinged", "three hinged"],
 )
 def test_a_step_with_the_map_costs_little_more_than_one_without(ring, count, joints, integrator, bound):
-    """In turns of a millisecond: magnets and nothing else, which makes the cheapest steps there are."""
+    """In turns of a millisecond. The bodies have magnets and nothing else: no steps are cheaper."""
     bodies = "".join(
         f'<body name="{k}" pos="{0.005 * k} 0 -0.09">{joints}<geom size="0.001" mass="0.01"/></body>'
         for k in range(count)

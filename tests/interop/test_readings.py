@@ -1,7 +1,8 @@
-"""Files of readings in the dialects of instruments and programs, and what no field has, found by the fit.
+"""Files of readings in the dialects of instruments and programs, and the faults that a fit finds because no field has
+them.
 
-The field is that of two magnetic charges below the box, by Coulomb's law: without curl and divergence, and no field
-of the package.
+The field is that of two magnetic charges below the box, by Coulomb's law: free of curl and divergence, and computed
+without the package.
 """
 
 import warnings
@@ -218,7 +219,7 @@ def test_nodes_in_any_order_and_missing_ones():
 
 @pytest.mark.parametrize("factor", [3.0, -1.0, 1e4, 0.0])
 def test_a_wild_reading_is_named_with_its_line(factor):
-    """Of two: a slip of the sensor, of the decimal point, or a reading that was not taken."""
+    """Two readings: the sensor slipped or was reversed, the decimal point is wrong, or nothing was read."""
     spoilt = with_noise(B)
     for k in (37, 101):
         spoilt[k] *= factor

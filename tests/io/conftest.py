@@ -1,4 +1,4 @@
-"""A field in closed form under a name: an axisymmetric harmonic polynomial, of two coils."""
+"""A closed-form field with a name: an axisymmetric harmonic polynomial of two coils."""
 
 from types import SimpleNamespace
 
@@ -9,7 +9,7 @@ from fieldmap.device.model import Driver, Payload
 from fieldmap.field import Field, coil_currents
 from fieldmap.io import FieldSource
 
-# Bz = s (B0 + B1 z + B2 z^2 / 2) on the axis, where s adds up the currents with these shares.
+# On the axis Bz = s (B0 + B1 z + B2 z^2 / 2), where s is the sum of the currents with these shares.
 B0, B1, B2, SHARES = 0.01, 0.5, 2.0, np.array([1.0, 0.5])
 LOWER, UPPER = np.array([-0.01, -0.01, -0.1]), np.array([0.01, 0.01, -0.02])
 PAYLOAD = Payload(0.010, 0.8, magnet_offset=0.015)
@@ -49,7 +49,7 @@ class Polynomial(Field):
 
 @pytest.fixture
 def polynomial():
-    """field, payload, the constants, and source(**changes): the field as a named one."""
+    """field, payload, the constants, and source(**changes): the field as a named source."""
 
     def source(**changes):
         field = changes.pop("field", Polynomial())

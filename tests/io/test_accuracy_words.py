@@ -1,4 +1,4 @@
-"""How exact a map is, in words: every number of the data stands in them, in the unit that is named."""
+"""The accuracy of a map in words: every number of the data is in the text, in the stated unit."""
 
 from types import SimpleNamespace
 
@@ -26,7 +26,7 @@ SOLVER = {
 def words(
     report=SOLVER, reference=(1.5, 1.5), domain="a domain", bound=None, sampled=None, error=None, **more
 ):
-    """The kinds of error and their words. domain: None for a map that is linear in the currents."""
+    """Kind of error -> text. domain: None for a map that is linear in the currents."""
     info = SimpleNamespace(
         reference_current=np.array(reference),
         provenance=SimpleNamespace(solver_report={**report, **more}),
@@ -39,7 +39,7 @@ def words(
 
 
 def model(**more):
-    """The lines of a current model: of the test, of the recipe and the extremes, of the training."""
+    """The lines on the current model: test states, recipe and extremes, training."""
     return words(**more)["current model"].splitlines()
 
 
@@ -192,5 +192,5 @@ def test_the_corners_of_maps_of_earlier_versions(corners, told):
     ],
 )  # fmt: skip
 def test_what_the_recipe_asked_for(within, told):
-    """Twice the accuracy at a tested state, and twice as much of the gradient."""
+    """Allowed is twice the accuracy at a tested state, and twice that for the gradient."""
     assert model(states_tried=TRIED, held_out_within=within)[1:-2] == told

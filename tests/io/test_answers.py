@@ -1,4 +1,4 @@
-"""Answers about a named field, against a polynomial field: forces by hand, F = m grad Bz, stiffness = -m d2Bz."""
+"""Answers about a named field, for a polynomial field: forces by hand, F = m grad Bz, stiffness = -m d2Bz."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -24,7 +24,7 @@ def test_points_with_the_force_on_a_moment(polynomial):
     along = polynomial.b0 + polynomial.b1 * z + 0.5 * polynomial.b2 * (z**2 - 0.5 * (x**2 + y**2))
     flux = 0.4 * np.column_stack([radial * x, radial * y, along])
     np.testing.assert_allclose([p.B for p in answer.points], flux, rtol=1e-14)
-    # F_j = m_i dB_i/dx_j: of the moment along x, the row of Bx; of that along z, the row of Bz.
+    # F_j = m_i dB_i/dx_j: for a moment along x the row of Bx, for a moment along z the row of Bz.
     slope_x = 0.4 * np.column_stack([radial, 0 * x, -0.5 * polynomial.b2 * x])
     slope_z = 0.4 * np.column_stack([-0.5 * polynomial.b2 * x, -0.5 * polynomial.b2 * y, -2 * radial])
     np.testing.assert_allclose([p.force for p in answer.points], 0.1 * slope_x + 0.8 * slope_z, rtol=1e-13)
@@ -46,7 +46,7 @@ def test_points_without_a_moment_have_no_force(polynomial):
 
 
 def test_where_it_floats(polynomial):
-    # m s (b1 + b2 z) = weight at z = -0.05; stiff sideways by m s b2 / 2, soft along z by twice that.
+    # m s (b1 + b2 z) = weight at z = -0.05; stiffness m s b2 / 2 sideways, minus twice that along z.
     strength = 0.010 * gravity / (0.8 * (polynomial.b1 - 0.05 * polynomial.b2))
     answer = floating(polynomial.source(), polynomial.payload, [strength, 0.0])
     np.testing.assert_allclose(answer.found.position, [0, 0, -0.05], atol=1e-9)
@@ -60,10 +60,10 @@ def test_where_it_floats(polynomial):
 
 
 def test_what_lifts_it_beside_what_was_measured(polynomial):
-    """The names of the drive unit's map: 0 of the sensor at -77 mm, measured 0.0343 A/mm reading + 1.215 A, (7-18)."""
+    """With the drive unit's names: sensor zero at -77 mm, measured current 0.0343 A/mm reading + 1.215 A, (7-18)."""
     source = polynomial.source(device_name="drive_unit", coil_names=tuple("123456"))
     alone = lifted(polynomial.source(), polynomial.payload, -0.097)
-    # 1.5 = the sum of the shares of a common current.
+    # 1.5 is the sum of the coils' shares.
     common = 0.010 * gravity / (0.8 * 1.5 * (polynomial.b1 - 0.097 * polynomial.b2))
     assert alone.found.current == pytest.approx(common, rel=1e-12)
     assert (alone.machine, alone.measured_current, alone.current_limit) == (None, None, 3.5)
@@ -91,7 +91,7 @@ def test_what_cannot_be_asked(polynomial):
 
 
 class Body(MagneticBody):
-    """A body whose load at a point tells where it was asked for."""
+    """A body whose load depends on the point in a known way."""
 
     assumptions = ("a body",)
 
@@ -124,7 +124,7 @@ def test_points_with_the_load_on_a_body(polynomial):
 
 
 def test_currents_of_least_power_for_a_force(polynomial):
-    """F = m dBz/dz s, s = I_1 + I_2 / 2: the least squares for one number s are s (1, 1/2) / 1.25."""
+    """F = m dBz/dz s with s = I_1 + I_2 / 2: least squares for one number s give s (1, 1/2) / 1.25."""
     source, at, moment = polynomial.source(), np.array([0.0, 0.0, -0.05]), np.array([0.0, 0.0, 0.8])
     wanted = np.array([np.nan, np.nan, 0.06])
     answer = least_power(source, at, moment, force=wanted)
@@ -140,7 +140,7 @@ def test_currents_of_least_power_for_a_force(polynomial):
 
 
 def test_currents_of_least_power_for_a_field_within_a_limit(polynomial):
-    """Bz = b s: what the first coil may not carry the second does, at twice the current."""
+    """Bz = b s: beyond the first coil's limit the second coil adds the rest, with twice the current."""
     source, at = polynomial.source(), np.array([0.0, 0.0, -0.05])
     b = polynomial.b0 - 0.05 * polynomial.b1 + 0.5 * polynomial.b2 * 0.05**2
     asked = {"field": np.array([np.nan, np.nan, 0.5 * b]), "force": None, "torque": None}
@@ -156,7 +156,7 @@ def test_currents_of_least_power_for_a_field_within_a_limit(polynomial):
 
 @pytest.mark.parametrize(("coils", "free"), [(1, True), (2, True), (3, False), (4, False), (6, False)])
 def test_a_weight_to_be_carried(polynomial, coils, free):
-    """Two coils cannot hold three components."""
+    """Two coils cannot control three components."""
     sideways = np.nan if free else 0.0
     np.testing.assert_array_equal(
         lift_force(polynomial.payload, coils), [sideways, sideways, 0.010 * gravity]
@@ -190,7 +190,7 @@ def test_a_reading_needs_a_machine_whose_sensor_was_measured(polynomial, offset,
 
 
 def test_a_search_begins_where_it_is_told_to(polynomial, monkeypatch):
-    """A place, currents and the model of the magnet go on as they were given."""
+    """Place, currents and model of the magnet are passed on unchanged."""
     asked = []
 
     def found(*given):

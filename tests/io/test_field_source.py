@@ -1,4 +1,4 @@
-"""From a name to a field: what is recognised, what is read, what is solved, and when."""
+"""From a name to a field: recognition, reading, and the time of the solve."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -37,6 +37,17 @@ def test_a_map_is_known_by_its_ending_or_by_its_first_bytes(tmp_path, six_coils)
         is_map_file(tmp_path)
 
 
+def test_a_folder_does_not_hide_a_shipped_device_or_map(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("drive_unit", "sample", "mine"):
+        (tmp_path / name).mkdir()
+    assert (is_map_file("drive_unit"), is_map_file("sample")) == (False, True)
+    assert existing_map("sample").name == "sample.h5"
+    for name in ("mine", "./sample", "./drive_unit"):
+        with refused(InputError, where=name, received="a directory"):
+            is_map_file(name)
+
+
 def test_an_existing_map_is_a_file_of_hdf5(tmp_path, six_coils):
     assert existing_map(str(six_coils)) == six_coils
     told = {
@@ -72,7 +83,7 @@ def test_a_map_brings_what_it_recorded(circle_of_six, dipole_map, tmp_path):
     assert not source.nonlinear
     np.testing.assert_allclose(source.bounds, [[-0.02, -0.02, -0.14], [0.02, 0.02, -0.076]])
     assert (source.payload.mass, source.driver.current_limit) == (0.010, 3.0)
-    # Six dipoles m of 8 A m^2/A at depth h below them and 44 mm aside: Bz = mu0 m (2 h^2 - a^2) / 4 pi r^5 of each.
+    # Six dipoles m of 8 A m^2/A, h above the point and 44 mm off the axis: each mu0 m (2 h^2 - a^2) / 4 pi r^5.
     h, a = 0.026 + 0.1, 0.044
     exact = 6 * 2e-7 * 8 * (h**2 - a**2 / 2) / (h**2 + a**2) ** 2.5
     assert source.field.at(1.0).field([0, 0, -0.1])[2] == pytest.approx(exact, rel=2e-4)
@@ -101,7 +112,7 @@ def test_a_device_is_solved_when_its_field_is_asked_for_and_once(monkeypatch):
 
 
 def test_a_device_in_python_a_file_and_a_field_are_opened(monkeypatch, polynomial):
-    """With the options and changes that are given; without any, linear iron."""
+    """With the given options and changes; the default is linear iron."""
     asked = []
     monkeypatch.setattr(
         "fieldmap.io.field_source.solve_device", lambda *given: asked.append(given) or "solved"
@@ -118,7 +129,7 @@ def test_a_device_in_python_a_file_and_a_field_are_opened(monkeypatch, polynomia
 
 
 def test_what_a_field_rests_on(polynomial, monkeypatch):
-    """At given currents, of a device alone, also what must be known of the iron there."""
+    """At given currents a device also has assumptions about its iron."""
     monkeypatch.setattr(
         "fieldmap.iron.notes.state_notes", lambda device, state: (device, state.currents.tolist())
     )
@@ -132,7 +143,7 @@ def test_what_a_field_rests_on(polynomial, monkeypatch):
 
 @pytest.mark.parametrize("given", [True, False])
 def test_progress_until_the_first_state(monkeypatch, given):
-    """Assembled is not the end; every other message goes on."""
+    """The message "assembled" does not end the progress; all others are passed on."""
     told, made = [], []
 
     def solver(device, refinement, progress):

@@ -1,4 +1,4 @@
-"""What a map holds, in numbers: against the polynomial field and against six dipoles."""
+"""A summary of a map in numbers, against the polynomial field and against six dipoles."""
 
 import sys
 from dataclasses import replace
@@ -39,7 +39,7 @@ SATURATING = '[material.iron]\nkind = "froehlich"\nmu_r = 400\nsaturation_polari
 
 
 class Opened:
-    """A field as an opened map, with reference currents."""
+    """A field with the interface of an opened map, with reference currents."""
 
     def __init__(self, field, reference=(1.0, 2.0), saturating=False):
         self.inner = field
@@ -57,7 +57,7 @@ def test_the_middle_of_the_box(polynomial):
     z = -0.06
     flux = polynomial.b0 + polynomial.b1 * z + 0.5 * polynomial.b2 * z**2
     np.testing.assert_allclose(middle.at, [0, 0, z], atol=1e-17)
-    # Each coil alone, then all.
+    # Each coil alone, then all together.
     np.testing.assert_allclose(middle.Bz, flux * np.array([1.0, 0.5, 1.5]), rtol=1e-12)
     np.testing.assert_allclose(middle.dBz_dz, (polynomial.b1 + polynomial.b2 * z) * np.array([1, 0.5, 1.5]))
     saturating = middle_field(Opened(polynomial.field, saturating=True))
@@ -67,7 +67,7 @@ def test_the_middle_of_the_box(polynomial):
 @pytest.mark.parametrize("known", [True, False])
 @pytest.mark.parametrize("saturating", [True, False])
 def test_what_no_current_drives_in_the_middle(polynomial, known, saturating):
-    """B and its gradient with all components different; a map of saturating iron may not reach down to no current."""
+    """B and its gradient with all components different; a map of saturating iron may not include zero current."""
 
     def off(values):
         def at(point):
@@ -90,7 +90,7 @@ def test_what_no_current_drives_in_the_middle(polynomial, known, saturating):
 
 
 def reported(**report):
-    """The accuracy that a summary finds in a solver's report."""
+    """The accuracy that a summary takes from a solver's report."""
     info = SimpleNamespace(
         provenance=SimpleNamespace(solver_report=report),
         interpolation_error=FieldError(1e-6, 2e-4),
@@ -114,7 +114,7 @@ def test_each_kind_of_error_has_its_number_or_none():
         ("in corners", 8, 8),
     ]
     assert found.to_dict()["current_model"] == {"flux_density": 0.002, "gradient": 0.004}
-    # Nothing was estimated, or there is nothing to mesh.
+    # Without an estimate, or without anything to mesh.
     assert reported(tetrahedra=10, error=None).mesh is None
     assert reported().current_model is None
     assert not reported(form="coils").meshed
@@ -227,7 +227,7 @@ def test_the_summary_as_plain_python(polynomial, domain, told):
 
 
 def test_sensors_have_the_readings_of_currents_and_payload(tmp_path):
-    """T of the coils at 1 A and of what no current drives; mu0 m / (2 pi d^3) of a dipole 20 mm below on its axis."""
+    """T, of the coils at 1 A and of the magnets; mu0 m / (2 pi d^3) of a dipole 20 mm below on its axis."""
     grid, shape = Grid([-0.002, -0.002, -0.012], [0.001, 0.001, 0.001], (5, 5, 5)), (3, 5, 5, 5, 3)
     places, axes = (
         np.array([[0.0, 0.0, 0.01], [0.01, 0.0, 0.0]]),
@@ -265,7 +265,7 @@ def test_a_map_without_a_device_or_a_driver():
 @pytest.mark.parametrize("saturating", [True, False])
 @pytest.mark.parametrize("name", ["drive_unit", "rig"])
 def test_what_is_computed_beside_measurements(tmp_path, monkeypatch, valid_text, saturating, name):
-    """Shifts only of a map that knows saturation and of a machine on which they were measured."""
+    """Shifts need a map with saturation, of a machine on which they were measured."""
     asked = {}
     for step in ("lift_by_height", "shifts_beside_measured", "fit_force"):
         monkeypatch.setattr(
@@ -286,7 +286,7 @@ def test_what_is_computed_beside_measurements(tmp_path, monkeypatch, valid_text,
     measured = name == "drive_unit"
     _, payload, machine, largest = asked["lift_by_height"]
     assert (payload.mass, machine is not None) == (0.010, measured)
-    # u alone is the current of all coils.
+    # u is the current of all coils at x = y = 0.
     assert largest == (pytest.approx(2.2) if saturating else None)
     assert asked["fit_force"][1:] == (payload, ("lift_by_height",))
     assert (found.lift, found.force_fit) == (("lift_by_height",), ("fit_force",))
@@ -333,7 +333,7 @@ def test_a_map_file(circle_of_six, dipole_map, tmp_path, valid_text, material, w
     assert bool(summary.saturation) is warned
     assert summary.payload.mass == 0.010
     assert (summary.lift_source, summary.domain) == ("", None)
-    # Six dipoles of 8 A m^2 per ampere at depth h and 44 mm aside: dBz/dz on the axis.
+    # Six dipoles of 8 A m^2 per ampere, a height h above and 44 mm off the axis: dBz/dz on the axis.
     for row in summary.lift:
         h, r2 = 0.026 - row.height, 0.044**2 + (0.026 - row.height) ** 2
         slope = 6 * 8e-7 * (3 * h * (5 * h**2 - 3 * r2) / r2**3.5)
@@ -343,7 +343,7 @@ def test_a_map_file(circle_of_six, dipole_map, tmp_path, valid_text, material, w
     assert plain["grid"]["shape"] == [9, 9, 13]
     np.testing.assert_allclose(plain["grid"]["spacing"], [0.005, 0.005, 0.064 / 12])
     assert len(plain["lift"]) == 4
-    # Nothing was measured on this rig.
+    # There are no measurements of this rig.
     assert (plain["force_fit"], plain["shifts"]) == (None, [])
     h = 0.026 + 0.108
     exact = 6 * 2e-7 * 8 * (h**2 - 0.044**2 / 2) / (h**2 + 0.044**2) ** 2.5
@@ -351,7 +351,7 @@ def test_a_map_file(circle_of_six, dipole_map, tmp_path, valid_text, material, w
 
 
 def test_a_map_of_a_measured_machine(circle_of_six, dipole_map, tmp_path, valid_text):
-    """The drive unit's name is enough; its map is linear, so that no shift is stated."""
+    """Recognised by the drive unit's name; the map is linear, so it has no shift."""
     coil = valid_text[valid_text.index("[[coil]]") :]
     coil = coil[: coil.index("[[coil]]", 1)]
     head = 'format = 1\nname = "drive_unit"\ntitle = "Six dipoles"\n'
@@ -359,7 +359,7 @@ def test_a_map_of_a_measured_machine(circle_of_six, dipole_map, tmp_path, valid_
     path = dipole_map(circle_of_six, tmp_path / "six.h5", head + coil + payload, device_name="drive_unit")
     plain = summarise_map(path).to_dict()
     assert [row["sensor_mm"] for row in plain["lift"]] == [0.0, 10.0, 20.0, 30.0]
-    # In a linear map the share of the weight that is lifted is the measured current over ours.
+    # In a linear map the lifted share of the weight is the measured current over ours.
     shares = np.array([row["measured"] / row["current"] for row in plain["lift"]])
     np.testing.assert_allclose([row["lift_share"] for row in plain["lift"]], shares, rtol=1e-9)
     factor = np.linalg.lstsq(shares[:, None], np.ones(4), rcond=None)[0][0]

@@ -1,4 +1,4 @@
-"""The program that rewrites the schema files: when it is run, and not when it is imported."""
+"""The program that rewrites the schema files writes when run, and not when imported."""
 
 import importlib
 import runpy
@@ -11,7 +11,7 @@ NAME = "fieldmap.io.json_schema"
 
 
 def test_schemas_are_written_by_the_program_alone(monkeypatch, capsys):
-    """Word for word what lies in the folders, as UTF-8."""
+    """Equal to the files in the folders, as UTF-8."""
     written = {}
     monkeypatch.setattr(
         Path, "write_text", lambda path, text, encoding: written.update({path: (text, encoding)})

@@ -1,4 +1,4 @@
-"""What the tests of the iron may use."""
+"""Fixtures of the iron tests."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from fieldmap.iron.geometry import shapes
 
 @pytest.fixture
 def read_at_once(monkeypatch, tmp_path):
-    """Files that a library has just written are read by this process."""
+    """The process of the test itself reads files that a library has just written."""
 
     def here(path, program):
         out = tmp_path / "handed_over"

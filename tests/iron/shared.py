@@ -1,4 +1,4 @@
-"""Devices and closed forms that several tests of the iron take."""
+"""Devices and closed forms that several iron tests use."""
 
 import numpy as np
 from scipy.constants import mu_0
@@ -30,18 +30,18 @@ FOOT = fm.BHTable(
 
 
 def at(x, y, z):
-    """A place, m, not turned."""
+    """Placement at a position in m, without rotation."""
     return fm.placed((x, y, z))
 
 
 def iron_of(*bodies):
-    """The iron of bodies on one mesh; what it is made of is for the solution to say."""
+    """The iron of bodies on one mesh; the materials are given to the solve later."""
     materials = {body.material: fm.LinearMaterial(body.material, 1.0) for body in bodies}
     return assemble(generate_mesh(fm.Device("d", "", (), bodies, materials)))
 
 
 def in_uniform_field(form, laws, flux, tolerance=1e-8, remanence=(0.0, 0.0, 0.0)):
-    """State of the iron of a form in a uniform field (3,), T; laws: one for each body. All have the same remanence."""
+    """State of the iron of a form in a uniform field (3,), T; laws: one for each body, all with the same remanence."""
     body = form.iron.mesh.body
     material = Magnetisation(body, law_tables(laws), np.tile(remanence, (1, len(body), 1)).astype(float))
     field = form.elements.coil_field(lambda x: np.broadcast_to(np.asarray(flux, float), (1, *x.shape)))
@@ -84,8 +84,7 @@ RING = 0.018, 0.022, 0.004
 
 
 def toroid(material, size=0.004, sections=()):
-    """An iron ring linked with six coils of ten turns evenly round it: a closed circuit, from which hardly any flux
-    leaks."""
+    """An iron ring linked with six coils of ten turns around it: a closed circuit with hardly any leakage flux."""
     coils = []
     for angle in np.pi / 3 * np.arange(6):
         out, along = np.array([np.cos(angle), np.sin(angle), 0]), np.array([-np.sin(angle), np.cos(angle), 0])
@@ -96,9 +95,9 @@ def toroid(material, size=0.004, sections=()):
 
 
 def sphere_inductance(height=0.025, radius=0.01, mu_r=1000.0, turns=100, terms=60):
-    """What a sphere adds to the inductance of a coaxial coil: its response to every multipole of a loop, linked with
-    the loop. Flux of P_n through the cap of angle alpha: 2 pi d^2 sin(alpha) P_n^1(cos alpha) / (n (n + 1)) times the
-    radial field; with b_n of geometry/loop_and_sphere.toml, L = pi mu0 R sum -b_n (sin(alpha) P_n^1)^2 (R/d)^2n / n^2,
+    """Inductance that a sphere adds to a coaxial coil: its response to every multipole of a loop, linked with the loop.
+    Flux of P_n through the cap of angle alpha: 2 pi d^2 sin(alpha) P_n^1(cos alpha) / (n (n + 1)) times the radial
+    field; with b_n of geometry/loop_and_sphere.toml, L = pi mu0 R sum -b_n (sin(alpha) P_n^1)^2 (R/d)^2n / n^2,
     averaged over the winding's section."""
     x = np.array([-1, 1]) / np.sqrt(3)
     r, z = (grid.ravel() for grid in np.meshgrid(0.03 + 5e-4 * x, height + 5e-4 * x, indexing="ij"))
@@ -113,11 +112,11 @@ def sphere_inductance(height=0.025, radius=0.01, mu_r=1000.0, turns=100, terms=6
 
 def moments_of_two_spheres(mu_r, distance, count=80):
     """Multipoles (count,) of order 1, 2, ... of the lower of two equal spheres of radius 1 in a field of 1 along their
-    axis: the other's are re-expanded about it, P_n(cos t') / r'^(n+1) = sum (-1)^n C(n+m, n) r^m P_m(cos t) /
-    d^(n+m+1), and a sphere answers r^m P_m by -m (mu - 1) / (m (mu + 1) + 1)."""
+    axis. The multipoles of the upper sphere are re-expanded about the lower one, P_n(cos t') / r'^(n+1) = sum (-1)^n
+    C(n+m, n) r^m P_m(cos t) / d^(n+m+1), and a sphere answers r^m P_m by -m (mu - 1) / (m (mu + 1) + 1)."""
     n = np.arange(1, count + 1)
     order, other = n[:, None], n[None, :]
     answer = n * (mu_r - 1) / (n * (mu_r + 1) + 1)
-    # By symmetry the upper has B_n = (-1)^(n+1) A_n.
+    # By symmetry the upper sphere has B_n = (-1)^(n+1) A_n.
     between = -comb(order + other, other) * distance ** -(order + other + 1.0)
     return np.linalg.solve(np.eye(count) + answer[:, None] * between, np.where(n == 1, answer, 0.0))

@@ -1,4 +1,4 @@
-"""Linear iron beyond its law: found at the current at which the field in a sphere passes its saturation."""
+"""Linear iron is reported beyond its law as soon as the field in a sphere passes the saturation of its material."""
 
 from types import SimpleNamespace
 
@@ -34,8 +34,8 @@ def test_a_sphere_is_beyond_saturation_where_three_times_the_applied_field_reach
 
 
 def test_the_share_is_that_of_the_volume_of_this_body(sphere):
-    """Of the sphere's four parts the second and the third are above 1.5 T; what lies in the other body does not count,
-    and no more than a hundredth of a body is not worth saying."""
+    """Two of the sphere's four samples are above 1.5 T. Samples of the other body do not count, and a share of at most
+    a hundredth is not reported."""
     device, _ = sphere
     size, weight, body = [1.4, 1.6, 1.9, 1.5, 3.0], [5.0, 1.0, 3.0, 1.0, 7.0], [1, 1, 1, 1, 0]
 
@@ -54,7 +54,7 @@ def test_the_share_is_that_of_the_volume_of_this_body(sphere):
 
 @pytest.mark.parametrize("form", ["potential", "flux", "surface"])
 def test_samples_weigh_what_they_stand_for(form):
-    """Two balls far apart in a uniform field: 3 mu_r / (mu_r + 2) times it in each, over its volume or its surface."""
+    """Two balls far apart in a uniform field B0: B = 3 mu_r / (mu_r + 2) B0; weights sum to the volume or surface."""
     about = {"near": (0.05, 10.0, 0.0), "far": (0.03, 4.0, 1.0)}
     bodies = [
         fm.Body(name, name, (fm.Part(fm.Sphere(radius), fm.placed((0.0, 0.0, z))),), 0.4 * radius)
@@ -67,7 +67,7 @@ def test_samples_weigh_what_they_stand_for(form):
     for number, (radius, mu_r, _) in enumerate(about.values()):
         mine = samples.body == number
         whole = 4 * np.pi * radius**2 if form == "surface" else 4 / 3 * np.pi * radius**3
-        # Of flat faces it is a little less.
+        # Flat faces enclose a little less.
         assert samples.weight[mine].sum() == pytest.approx(whole, rel=0.1)
         mean = samples.weight[mine] @ samples.size[mine] / samples.weight[mine].sum()
         assert mean == pytest.approx(0.3 * mu_r / (mu_r + 2), rel=0.02)
@@ -82,12 +82,12 @@ def test_the_largest_polarisation_of_a_law():
     )
     assert largest_polarisation(rising) == 2.1
     assert largest_polarisation(fm.Arctangent("a", 500.0, 1.9)) == 1.9
-    # mu0 dH/dB = 1 at the end: nothing on a fine grid of the formula polarises more.
+    # mu0 dH/dB = 1 at the end of the law: its polarisation is the maximum over a fine grid of the formula.
     marrocco = fm.Marrocco("m", 2e-4, 1.0, 5.5, 5e4)
     flux = np.linspace(0.0, 2.3, 20001)
     power = flux**11
     polarisation = flux * (1 - (2e-4 + (1 - 2e-4) * power / (power + 5e4)))
     assert largest_polarisation(marrocco) == pytest.approx(polarisation.max(), rel=1e-6)
-    # Without a law nothing beats iron-cobalt, and where the reluctivity never falls to that of free space (c < 1).
+    # The bound is iron-cobalt for a material without a law, and where the reluctivity stays below free space's (c < 1).
     for endless in (fm.LinearMaterial("l", 4000.0), fm.Marrocco("m", 2e-4, 1e-3, 5.5, 5e4)):
         assert largest_polarisation(endless) == MOST_OF_ANY_IRON

@@ -14,7 +14,7 @@ FROEHLICH = Froehlich("f", 4000.0, 2.1)
 ARCTANGENT = Arctangent("a", 1500.0, 1.95)
 MARROCCO = Marrocco("m", 2e-4, 1.0, 5.5, 5e4)
 POINTS = np.array([200.0, 400.0, 1000.0, 3000.0, 1e4, 1e5]), np.array([0.7, 1.1, 1.45, 1.65, 1.85, 2.2])
-# Permeability low at H = 0, rising, then falling: relative 80, 200, 1600, 2500, 1500, ...
+# The relative permeability is low at H = 0, rises, then falls: 80, 200, 1600, 2500, 1500, ...
 FOOT = (
     np.array([20.0, 60.0, 150.0, 200.0, 300.0, 600.0, 2e3, 1e4]),
     np.array([0.002, 0.015, 0.08, 0.4, 0.95, 1.3, 1.55, 1.8]),
@@ -69,7 +69,7 @@ def test_analytic_laws_are_their_formulas(material):
 
 
 def test_slope_and_integral_of_laws_in_turn():
-    """Of neighbouring elements that follow different laws, from H = 0 on; integrals of the formulas by hand."""
+    """Neighbouring elements follow different laws, from H = 0 on; slopes and integrals of the formulas by hand."""
     chi, end = FROEHLICH.mu_r - 1, FROEHLICH.saturation
     turned, most = ARCTANGENT.mu_r - 1, 2 * ARCTANGENT.saturation / np.pi
     steep = turned / most
@@ -99,11 +99,11 @@ def test_slope_and_integral_of_laws_in_turn():
 
 @pytest.mark.parametrize("name", LAWS)
 def test_every_law_keeps_what_the_solver_relies_on(name):
-    """Slope at least that of free space everywhere, b continuous, and polarisation without end never."""
+    """The slope is at least free space's everywhere, b is continuous, and the polarisation is bounded."""
     material = LAWS[name]
     h = np.concatenate([[0.0], np.geomspace(1e-9, 1e4, 20000)])
     b = values(material, h)
-    # To rounding of b itself.
+    # The bound allows for the rounding of b.
     assert (np.diff(b) >= np.diff(h) * (1 - 1e-12) - 4e-16 * b[1:]).all()
     knots = law_tables([material]).knots[1:]
     assert values(material, knots * (1 - 1e-12)) == pytest.approx(values(material, knots), rel=1e-9)
@@ -112,7 +112,7 @@ def test_every_law_keeps_what_the_solver_relies_on(name):
 
 
 def test_a_table_rises_to_its_saturation():
-    """Through its points as before; past them J rises without a jump of slope, and ends at the named value."""
+    """The law passes the points; past them J rises without a jump of slope and ends at the given saturation."""
     h, b = mu_0 * POINTS[0], POINTS[1]
     steel = table(POINTS, 2.16)
     assert values(steel, h) == pytest.approx(b, rel=1e-12)
@@ -136,7 +136,7 @@ def test_points_of_a_hyperbola_are_continued_on_it():
 
 
 def test_points_whose_slopes_are_too_steep_still_rise():
-    """Of slopes of 9 between points with secants of 1 and of 0.1: a cubic falls where they exceed three secants."""
+    """Slopes of 9 between points with secants of 1 and of 0.1: a cubic falls where a slope exceeds three secants."""
     points = LawPoints(
         np.array([0.0, 1.0, 2.0, 3.0]), np.array([0.0, 1.0, 1.1, 1.1]), np.array([9.0, 9.0, 9.0, -1.0])
     )
@@ -148,7 +148,7 @@ def test_points_whose_slopes_are_too_steep_still_rise():
     np.testing.assert_allclose(
         j[:, [0, -1]], np.column_stack([points.polarisation[:-1], points.polarisation[1:]])
     )
-    # Three secants of the flatter side at each point; the first as steep as is allowed.
+    # Each slope is three times the flatter adjacent secant.
     np.testing.assert_allclose(coefficients[:, 2], 1.0 + np.array([3.0, 0.3, 0.0, 0.0]), atol=1e-12)
     np.testing.assert_array_equal(coefficients[-1], [0.0, 0.0, 1.0, 1.1 + 3.0])
 
@@ -180,7 +180,7 @@ def test_the_description_names_the_range(material, numbers):
         (table((np.array([100.0, 200.0, 300.0]), np.array([1.0, 1.2, 1.1]))), "-0.001 T m/A"),
         (table((np.array([100.0, 300.0, 200.0]), np.array([1.0, 1.2, 1.3]))), "200 A/m"),
         (table((np.array([1e5, 2e5]), np.array([1.0, 1.05]))), "5e-07 T m/A"),
-        # B that does not rise is not looked at as H, by which it would be divided.
+        # B that does not rise cannot be H: the check for exchanged columns would divide by its differences.
         (table((np.array([0.1, 0.2, 0.3]), np.array([1.0, 1.2, 1.2]))), "H = 0.1 A/m"),
         (table((np.array([100.0]), np.array([1.0]))), "(1,)"),
         (table((np.array([100.0, 200.0]), np.array([1.0]))), "(2,) and (1,)"),
@@ -193,7 +193,7 @@ def test_the_description_names_the_range(material, numbers):
     ],
 )
 def test_laws_that_no_iron_follows_are_refused(material, received):
-    """Also where a device was made in Python, and no reader has looked at it."""
+    """Devices made in Python are checked too, although no reader has checked them."""
     with pytest.raises(InputError) as caught:
         law_tables([material])
     (problem,) = caught.value.problems
@@ -202,7 +202,7 @@ def test_laws_that_no_iron_follows_are_refused(material, received):
 
 
 def test_straight_laws_hold_everywhere():
-    """b = mu_r h, with neither a first nor a last point."""
+    """b = mu_r h, without a first or a last point."""
     laws = straight_laws(np.array([1.0, 500.0, 1e5]))
     h = np.array([0.0, 1e-6, 2.0])
     for number, mu_r in enumerate((1.0, 500.0, 1e5)):

@@ -1,4 +1,4 @@
-"""Bodies glued together: shared faces, kept volumes and names, and which bodies hang together."""
+"""Bodies glued together: shared faces, kept volumes and names, and groups of bodies that touch."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""STEP files: what the CAD kernel writes comes back with the size and place that the scale says."""
+"""STEP files: a shape that the CAD kernel has written is read back with the size and place that the scale states."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Windings as solids: their volume against Pappus's rule, their extent, and what cannot be wound."""
+"""Windings as solids: their volume against Pappus's rule, their extent, and windings that are refused."""
 
 import numpy as np
 import pytest
@@ -39,8 +39,8 @@ def test_rounded_square_winding_has_section_times_middle_line():
 @pytest.mark.parametrize("scale", [1.0, 1e-2])
 @pytest.mark.parametrize("order", [1, -1])
 def test_a_path_with_an_inward_corner_has_section_times_middle_line(order, scale):
-    """An L of sides 40, 20, 20, 20, 20, 40 mm: five left turns and one right turn of 90 degrees; also half a millimetre
-    wide, when it keeps all its edges."""
+    """An L of sides 40, 20, 20, 20, 20, 40 mm: five left turns and one right turn of 90 degrees. At a hundredth of the
+    size it keeps all its edges too."""
     corners = scale * np.array([[0, 0], [40, 0], [40, 20], [20, 20], [20, 40], [0, 40]])[::order]
     length = 160 - 6 * 2 * 4 + 6 * np.pi / 2 * 4
     coil = square_path(corners, scale * 0.004, scale * 0.004, scale * 0.01)

@@ -1,4 +1,4 @@
-"""What follows a key of a device, and how quantities follow the fields that they are computed from: no solve at all."""
+"""The parts of a device that a key changes, and derivatives of quantities by their field samples, without a solve."""
 
 from dataclasses import replace
 
@@ -43,7 +43,7 @@ MOMENT = np.array([0.5, -1.0, 2.0])
 )
 @pytest.mark.parametrize("size", [1.0, 0.0])
 def test_quantities_and_how_they_follow_their_samples(quantity, value, uses, size):
-    """All linear here: weights times samples are the numbers again, also where the samples are zero."""
+    """All quantities here are linear: weights times samples give the values again, also where the samples are zero."""
     samples = replace(
         SAMPLES, **{name: size * getattr(SAMPLES, name) for name in ("field", "gradient", "linkage")}
     )
@@ -78,7 +78,7 @@ def test_what_follows_from_derivatives():
     assert found.change({"a": 0.5, "b": 2.0}).tolist() == [-2.5, 0.0]
     spread = found.spread({"a": 1.0, "b": 2.0})
     assert spread.deviation.tolist() == [5.0, 0.0]
-    # A number that follows nothing has no shares.
+    # A number that depends on no key has no shares.
     assert {key: share.tolist() for key, share in spread.shares.items()} == {
         "a": [0.36, 0.0],
         "b": [0.64, 0.0],
@@ -123,7 +123,7 @@ def test_a_step_is_a_share_of_the_value_or_the_least_of_its_unit(keys, key, step
     ("key", "velocity", "axis"),
     [
         ("coil.beside.position_mm.2", [0.0, 1e-3, 0.0], [0.0, 0.0, 0.0]),
-        # Angles are turned about the fixed x, then the fixed y, then the fixed z axis.
+        # Rotations are taken about the fixed x, then the fixed y, then the fixed z axis.
         ("coil.beside.rotation_deg.3", [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]),
         (
             "coil.beside.rotation_deg.2",
@@ -136,11 +136,11 @@ def test_a_coil_that_moves_as_a_whole(keys, key, velocity, axis):
     change = keys.change(key)
     motion, spin = change.motion(1), np.radians(1.0) * np.cross(axis, np.eye(3)).T
     np.testing.assert_allclose(motion.velocity, velocity, atol=1e-12)
-    # What w x r makes of the axes of the machine, a column each, per degree.
+    # The columns are w x r of the machine's axes, per degree.
     np.testing.assert_allclose(motion.spin, spin, atol=1e-9)
     assert (change.coils, change.turns(1), change.has_shapes) == ((1,), None, False)
     assert (change.has("coils"), change.has("bodies", "materials", "background")) == (True, False)
-    # The other stays as it is.
+    # The other coil stays as it is.
     other = change.motion(0)
     assert not np.any([*other.velocity, *other.spin.ravel()])
 

@@ -32,7 +32,7 @@ def box_faces(size):
         ([0.0, 0.0, 1.0], 0.01, 2.0 * 3.0),
         ([0.0, 0.0, -1.0], 0.01, 2.0 * 3.0),
         ([0.0, 1.0, 0.0], -0.7, 2.0 * 4.0),
-        # At 45 degrees to x: sqrt(2) times 3 by the shorter side, and near a corner a triangle's strip.
+        # At 45 degrees to x the section is sqrt(2) times 3 by the shorter side, and near an edge a narrow strip.
         ([np.sqrt(0.5), 0.0, np.sqrt(0.5)], 0.3, 2.0 * np.sqrt(2.0) * 3.0),
         ([np.sqrt(0.5), 0.0, np.sqrt(0.5)], 3.0 * np.sqrt(0.5) - 0.5, 2.0 * 0.5 * 3.0),
         ([1.0, 0.0, 0.0], 1.1, 0.0),
@@ -64,16 +64,16 @@ def test_fields_that_are_applied_to_iron():
 
 
 def test_bodies_move_towards_the_largest_piece():
-    """Pieces 0 (two bodies, volumes 1 and 2), 1, 2 and 3: the third has most and stays; the first follows its gap, and
-    another gap of its second body the second piece. The last has no gap."""
+    """Piece 0 has two bodies of volumes 1 and 2, pieces 1, 2 and 3 have one each. Piece 2 is the largest and stays;
+    piece 0 closes its gap to piece 2, and piece 1 its gap to piece 0. Piece 3 has no gap."""
     volume, piece = np.array([1.0, 2.0, 0.5, 9.0, 4.0]), np.array([0, 0, 1, 2, 3])
     x, y, z = np.eye(3)
     steps = {(0, 3): 0.1 * x, (1, 2): 0.2 * y}
     moves, closed = _moves(volume, piece, steps)
-    # A step is how far the second body lies from the first when the gap is closed.
+    # A step is the displacement of the second body relative to the first that closes their gap.
     np.testing.assert_allclose(moves, [-0.1 * x, -0.1 * x, -0.1 * x + 0.2 * y, 0 * x, 0 * x])
     assert closed == [(0, 3), (1, 2)]
-    # A gap that another one holds open stays.
+    # Of three gaps in a ring of bodies one stays open.
     moves, closed = _moves(volume, piece, steps | {(2, 3): 0.3 * z})
     assert set(closed) < {*steps, (2, 3)}
     assert len(closed) == 2

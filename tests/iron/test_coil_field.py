@@ -1,4 +1,4 @@
-"""The coils' field in the iron: circulations along edges by the mesh's symmetry, against all of them computed."""
+"""The coils' field in the iron: circulations along edges by the mesh's symmetry, against all circulations computed."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ TWO_CORES = Path(__file__).parents[1] / "devices" / "two_cores.toml"
 
 @pytest.mark.parametrize(("device", "operations"), [(TWO_CORES, 4), ("disk_six_cores", 12)])
 def test_images_of_edges_and_coils_need_no_field(device, operations):
-    """Two mirrors; rotations and mirrors that move every coil."""
+    """One device has two mirrors, the other has rotations and mirrors that move every coil."""
     device = read_device(device)
     mesh = generate_mesh(device, 0.4, "auto")
     assert len(mesh.symmetry.group.operations) == operations

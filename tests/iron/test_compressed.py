@@ -1,4 +1,4 @@
-"""W by blocks against the dense matrix, and its inverse against what it should give back."""
+"""W by blocks against the dense matrix, and its inverse against W itself and a closed form."""
 
 import numpy as np
 import pytest
@@ -100,7 +100,7 @@ def test_each_refinement_of_the_inverse_gains_three_digits(compressed, refinemen
 
 
 def test_inverse_without_refinement_is_linear_and_symmetric(compressed):
-    """It preconditions GMRES, and the flux form projects with it: it has to be one fixed matrix."""
+    """It preconditions GMRES, and the flux form projects with it: it must be one fixed matrix."""
     one, other = np.random.default_rng(6).standard_normal((2, len(compressed.diagonal), 1))
     both = compressed.solve(one + 1e6 * other)
     parts = compressed.solve(one) + 1e6 * compressed.solve(other)
@@ -114,7 +114,7 @@ def test_sphere_at_unit_potential():
     faces = sphere(4)
     potential = CompressedMutualPotential(faces)
     charge = potential.solve(np.ones((len(faces.areas), 1)), 1)
-    # The polyhedron is a little smaller than the sphere: compared with one of equal area.
+    # The polyhedron is a little smaller than the sphere, so the reference sphere has the area of the polyhedron.
     radius = np.sqrt(faces.areas.sum() / (4 * np.pi))
     assert charge.sum() == pytest.approx(4 * np.pi * radius, rel=1e-3)
 

@@ -1,4 +1,4 @@
-"""Derivatives by sizes and places of bodies that slide along what they touch: a core that stands on a disk."""
+"""Derivatives by sizes and places of bodies that slide along a contact: a core that stands on a disk."""
 
 from dataclasses import replace
 from functools import cache
@@ -59,17 +59,17 @@ position_mm = [8.0, 1.0, 14.0]
 """
 OTHER = CORE.replace('"core"', '"other"').replace("[8.0, 1.0,", "[-10.0, 0.0,")
 TWO = TEXT.replace("[[coil]]", f"{OTHER}\n[[coil]]")
-# Amperes at which the core is saturated.
+# The core is saturated at this current, A.
 CURRENT = 6.0
 AT = FluxDensityAt([[0.0, 0.002, -0.006], [0.015, 0.003, 0.03]])
-# Key: value, and step of differences on moved nodes.
+# Key: its value, and the step of differences on moved nodes.
 KEYS = {
     "body.disk.radius_mm": (20.0, 0.04),
     "body.core.radius_mm": (5.0, 0.01),
     "body.core.position_mm.1": (8.0, 0.02),
     "parameters.thick": (4.0, 0.01),
 }
-# Of two meshes, and how far each derivative may be off for that.
+# Key: the step of differences between two new meshes, and the allowed relative error of the derivative.
 NEW_MESHES = {
     "body.disk.radius_mm": (1.0, 0.04),
     "body.core.radius_mm": (0.25, 0.02),
@@ -83,7 +83,7 @@ def state(refinement=0.8):
 
 
 def moved(key, step, mesh=None):
-    """Meshes above and below."""
+    """The meshes with the key a step above and a step below."""
     mesh, device = mesh or state().mesh, fm.read_device(TEXT)
     change = Parameters(device).change(key, step)
     points = MovedBodies(device, mesh, build_faces(mesh.points, mesh.tets)).points(change)
@@ -92,14 +92,14 @@ def moved(key, step, mesh=None):
 
 @pytest.fixture
 def closed_form_between_all_faces(monkeypatch):
-    """As in test_moved_bodies.py: pairs of faces that cross the three radii would make noise."""
+    """As in test_moved_bodies.py: pairs of faces that cross three radii would make noise."""
     for module in (charged_faces, by_nodes):
         monkeypatch.setattr(module, "NEAR_RADII", 1e3)
 
 
 @cache
 def solved_by_closed_forms():
-    """A state, however coarse, and its derivatives."""
+    """A state on a coarse mesh, and its derivatives."""
     solved = NonlinearSolver(TEXT, 0.4, symmetry="none").solve([CURRENT], tolerance=1e-8)
     return solved, solved.derivative(AT, list(KEYS))
 
@@ -118,7 +118,7 @@ def test_against_differences_of_whole_solves_on_moved_nodes(key, closed_form_bet
 
 
 def off_from_new_meshes(text, key, value, step):
-    """How far a derivative is off from that of two meshes, as a share of it: however nodes move, it is the shape's."""
+    """Relative error of a derivative by a shape, which does not depend on how nodes move, against two new meshes."""
     ahead, behind = (
         NonlinearSolver(fm.read_device(text, {key: value + side * step}), 1.2)
         .solve([CURRENT])
@@ -169,7 +169,7 @@ def test_parts_of_a_body_carry_their_faces():
         plane = np.abs(before[:, 2] - height) < 1e-9
         assert plane.any()
         inside = (np.abs(before[:, 0] + 0.01) < 2.9e-3) & (np.abs(before[:, 1]) < 2.9e-3)
-        # Where the leg goes on into the arm there is no face.
+        # No face separates the leg from the arm.
         face = plane & ~(inside & (height == 20e-3))
         np.testing.assert_allclose(after[face, 2], moved, atol=1e-12)
     side = np.abs(np.abs(before[:, 1]) - 3e-3) < 1e-9
@@ -209,7 +209,7 @@ def test_a_core_grows_on_its_disk():
     np.testing.assert_allclose(above.points[disk, 2], mesh.points[disk, 2], atol=1e-12)
     rim = np.hypot(*mesh.points[disk, :2].T) > 0.0199
     np.testing.assert_allclose(above.points[disk][rim], mesh.points[disk][rim], atol=1e-15)
-    # Nodes of the disk beside the core make room.
+    # Nodes of the disk outside the contact make room.
     beside = np.setdiff1d(disk, core)
     assert np.abs(above.points[beside] - mesh.points[beside]).max() > 0.2e-3
 
@@ -219,7 +219,7 @@ def test_a_core_grows_on_its_disk():
     [
         (TEXT, "body.core.position_mm.3", "'disk' and 'core'"),
         (TWO, "body.other.position_mm.3", "'disk' and 'other'"),
-        # Across the rim: edges of both bound the contact.
+        # The core crosses the disk's rim: edges of both bodies bound the contact.
         (TEXT.replace("[8.0, 1.0,", "[18.0, 1.0,"), "body.disk.radius_mm", "'disk' and 'core'"),
     ],
     ids=["lifted", "one of two lifted", "across the rim"],

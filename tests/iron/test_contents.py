@@ -1,4 +1,4 @@
-"""What `fieldmap check` lists of a device: volumes, sizes and axes that are known beforehand."""
+"""The contents of a device that `fieldmap check` lists: volumes, sizes and axes, against values by hand."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def test_axes_sizes_and_volumes():
     first, second = contents.bodies
     assert first.axis == pytest.approx([0.0, -np.sin(TILT), np.cos(TILT)], abs=1e-12)
     assert first.volume == pytest.approx(np.pi * 0.01**2 * 0.03, rel=1e-9)
-    # The round bar sticks out of the cube by 20 mm, its parts have no axis in common.
+    # The round bar sticks out of the cube by 20 mm; the parts have no common axis.
     assert second.axis is None
     assert second.volume == pytest.approx(0.02**3 + np.pi * 0.005**2 * 0.02, rel=1e-9)
     assert [body.mesh_size for body in contents.bodies] == [0.004, 0.005]

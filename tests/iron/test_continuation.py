@@ -1,4 +1,4 @@
-"""Continuation in the currents: what happens where Newton's method alone fails."""
+"""Continuation in the currents where Newton's method alone fails."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,8 @@ THRESHOLD = nasty([1000.0, 1000.1, 1001.0], [0.01, 1.9, 1.9002])
 
 
 def test_a_state_by_continuation_is_the_state(monkeypatch):
-    """With so few steps that Newton fails from zero, the way by shares of the currents leads to the same field."""
+    """With too few steps for Newton's method from zero, continuation by shares of the currents ends at the same
+    field."""
     solver = solver_for(Froehlich("iron", 4000.0, 2.1))
     direct = solver.solve(CURRENT)
     assert direct.report.continuation == ()
@@ -47,8 +48,7 @@ def test_a_state_by_continuation_is_the_state(monkeypatch):
 
 
 def test_newton_takes_few_steps_and_ends_quadratically():
-    """From no field to one at which the core is far in saturation (where it took 6, 13 and 15 steps), and from there to
-    a current nearby (4)."""
+    """Newton's method took 6, 13 and 15 steps from zero field to far saturation, and 4 steps to a current nearby."""
     solver = solver_for(Froehlich("iron", 4000.0, 2.1))
     states = [solver.solve(np.array([current])) for current in (0.5, 20.0, 200.0)]
     for state, most in zip(states, (8, 15, 17), strict=True):
@@ -59,8 +59,8 @@ def test_newton_takes_few_steps_and_ends_quadratically():
 
 
 def test_a_law_with_a_cliff_is_solved():
-    """No step of Newton's method sees beyond the cliff; the flux through the core's middle is what saturation lets
-    through: 1.9 T of polarisation and the coil's own field."""
+    """No step of Newton's method sees beyond the cliff. Saturation limits the flux density in the core's middle to 1.9
+    T of polarisation plus the coil's own field."""
     state = solver_for(CLIFF).solve(CURRENT)
     assert len(state.report.continuation) > 1
     middle = state.field([[0.0, 0.0, 0.015]])[0]
@@ -71,7 +71,7 @@ def test_failure_comes_with_the_whole_history(monkeypatch):
     monkeypatch.setattr(potential_form, "_MAX_NEWTON_STEPS", 6)
     with pytest.raises(NotConverged) as caught:
         solver_for(THRESHOLD).solve(CURRENT)
-    # From zero, and then at the half, the quarter, ... down to the smallest step.
+    # The history holds the solve from zero, and then solves at a half, a quarter, ... of the currents.
     assert len(caught.value.residuals) >= 6 * 4
     (problem,) = caught.value.problems
     assert "continuation" in problem.where

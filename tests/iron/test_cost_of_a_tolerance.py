@@ -1,5 +1,5 @@
-"""What a run to a tolerance says: what a mesh within it would cost, by powers that are known, which body has the error,
-by devices whose bodies are alike, and its numbers in words."""
+"""Report of a run to a tolerance: the cost of a sufficient mesh for known powers, the share of each body in the error
+for equal bodies, and the numbers in words."""
 
 import re
 from dataclasses import replace
@@ -53,7 +53,7 @@ def test_nothing_is_said_of_what_hardly_falls():
     assert faces_within(steps(1.0, 1000.0)) is None
     assert faces_within(steps(1.0, 1000.0, 1100.0)) is None
     assert faces_within(steps(0.2, 1000.0, 4000.0)) is None
-    # From a fifth more faces, and an exponent of a quarter on; a mesh without an estimate does not count.
+    # A forecast needs a fifth more faces and an exponent of a quarter; a mesh without an error estimate does not count.
     assert faces_within(steps(1.0, 1000.0, 1199.0)) is None
     assert faces_within(steps(1.0, 1000.0, 1201.0)) == pytest.approx(4000.0)
     assert faces_within(steps(0.249, 1000.0, 4000.0)) is None
@@ -67,12 +67,12 @@ def test_nothing_is_said_of_what_hardly_falls():
 def test_time_goes_with_the_power_that_was_measured():
     known = expected_cost(steps(1.0, 1000.0, 2000.0), 8000.0, 1.0, 1.0)
     assert known.seconds == pytest.approx(2.0 * 8.0**1.5, rel=1e-9)
-    # Of one mesh alone the square, and where the first took no time that a clock could tell.
+    # The exponent is 2 for one mesh alone, and where the first mesh took no measurable time.
     first, second = steps(1.0, 1000.0, 3000.0)
     first.seconds, second.seconds = 0.0, 2.0
     assert expected_cost([first, second], 9000.0, 1.0, 1.0).seconds == pytest.approx(18.0, rel=1e-9)
     assert expected_cost(steps(1.0, 1000.0), 3000.0, 1.0, 1.0).seconds == pytest.approx(18.0, rel=1e-9)
-    # The exponent is kept from 1 to 3, and is 2 of meshes that hardly differ.
+    # The exponent is kept between 1 and 3, and is 2 for meshes that hardly differ.
     for last, power in ((2.5, 1.0), (100.0, 3.0)):
         known = [SimpleNamespace(faces=1000, seconds=2.0), SimpleNamespace(faces=2000, seconds=last)]
         assert expected_cost(known, 6000.0, 1.0, 1.0).seconds == pytest.approx(last * 3.0**power)
@@ -84,7 +84,7 @@ def test_time_goes_with_the_power_that_was_measured():
 
 
 def test_bodies_that_are_alike_share_the_error_alike():
-    """Cubes left and right of the workspace, in a field along z, and two that are far away."""
+    """Cubes left and right of the workspace in a field along z, and two cubes far away."""
     places = {"far": 0.3, "left": -0.03, "right": 0.03, "farther": -0.3}
     bodies = [
         Body(name, "iron", (Part(Box((0.02, 0.02, 0.02)), placed((x, 0.0, -0.01))),), 6e-3)
@@ -115,7 +115,7 @@ def test_bodies_that_are_alike_share_the_error_alike():
     for name, x in places.items():
         assert np.abs(np.array(shares[name].at) - [x, 0.0, 0.0]).max() < 0.01
         assert 2e-3 < shares[name].size < 2e-2
-    # Most of it at the side of the workspace, where the next mesh is finer.
+    # Most of the error is at the side of the workspace, where the next mesh is finer.
     assert shares["left"].at[0] > -0.03
     assert shares["right"].at[0] < 0.03
     assert all(shares[name].wanted < shares[name].size for name in ("left", "right"))
@@ -126,7 +126,7 @@ def test_bodies_that_are_alike_share_the_error_alike():
     ("asked", "allowed", "size"),
     [
         (Tolerance(0.01), [0.02, 0.005, 0.01], [2.0, 0.5, 1.0]),
-        # Of 4 A and 2 A in the coils: 0.1, 0.8 and 0.8 % of the fields of 1 A and of the magnets.
+        # At 4 A and 2 A, 8 mT are 2 and 4 mT per ampere: 0.1, 0.8 and 0.8 % of the fields of 1 A and of the magnets.
         (Tolerance(absolute_flux_density=8e-3, currents=(4.0, -2.0)), [2e-3, 4e-3, 8e-3], [2.0, 4.0, 8.0]),
         # A coil without current may have any error, and hardly counts.
         (Tolerance(absolute_flux_density=8e-3, currents=(0.0, 2.0)), [np.inf, 4e-3, 8e-3], [2e6, 0.5, 1.0]),
@@ -134,7 +134,7 @@ def test_bodies_that_are_alike_share_the_error_alike():
     ],
 )
 def test_sources_count_by_what_is_allowed(asked, allowed, size):
-    """Shares are relative to the allowed errors, over the smallest of them relative to its field."""
+    """The size of a source is its allowed error over the smallest ratio of an allowed error to its field."""
     fields = np.zeros((3, 4, 3))
     fields[0, 1], fields[1, :, 2], fields[2, 3] = [1.2, 0.0, -1.6], 0.5, [0.0, 1.0, 0.0]
     solution = SimpleNamespace(
@@ -166,11 +166,11 @@ def test_shares_of_bodies_are_those_of_their_faces_and_elements():
     level = SimpleNamespace(face_shares=shares, element_shares=np.array([0, 0, 1.5, 7.5, 0, 0]), **about)
     places, layers = cells.centres[[0, 3]], np.array([2e-5, 3e-5])
     sizes = LocalSizes(cells.centres, 0.5 * cells.sizes, places, layers)
-    # Of 20 in all: 7 in the first body, 5 of them in one cell, and 13 in the second, 9 in one cell.
+    # The sum is 20: 7 in the first body, 5 of them in one cell, and 13 in the second, 9 of them in one cell.
     second, first = Level.shares_of_bodies(level, sizes)
     assert first == ErrorShare("a", 0.35, (0.0, 1.0, 2.0), 1e-3, 5e-4, 2e-5)
     assert second == ErrorShare("b", 0.65, (9.0, 10.0, 11.0), 4e-3, 2e-3)
-    # Layers are told where more than half of a cell's share is at an edge.
+    # A layer is reported where more than half of a cell's share is at an edge.
     mesh.body = np.array([0, 0, 1, 2, 2, 2])
     (found,) = (one for one in Level.shares_of_bodies(level, sizes) if one.body == "b")
     assert (found.share, found.layer) == (0.2, 3e-5)
@@ -192,7 +192,7 @@ def test_operations_are_those_of_the_symmetry(symmetry, count):
     ("shares", "excess"), [([0.3, 0.2], 3.0), ([0.05, 0.02], 0.5), ([0.5, 0.1], 5.0), ([], 0.25)]
 )
 def test_one_mesh_alone_exceeds_by_its_shares_or_its_gap(monkeypatch, shares, excess):
-    """Of allowed errors of 0.2 T, at fields of 2 T; the gap between the forms is 0.25 of what is allowed."""
+    """The allowed errors are 0.2 T at fields of 2 T; the gap between the forms is 0.25 of the allowed error."""
     gap = ErrorEstimate(0.0, 0.0, None, None, by_source=(LargestError("B", "a", (0, 0, 0), 0.05, 2.0),))
     monkeypatch.setattr(to_tolerance, "estimate_error", lambda *_: gap)
     count = len(shares)
@@ -225,7 +225,7 @@ SLOPE[0, :, 2, 2], SLOPE[1, 1, 0, 1] = [10.0, 0.0, 5.0, 1.0], 40.0
 
 
 def moved(source, place, by, gradient=0.0):
-    """Those fields with an error of one source at one place."""
+    """The same fields with an error of one source at one place."""
     flux, slope = FLUX.copy(), SLOPE.copy()
     flux[source, place, 1] += by
     slope[source, place, 0, 2] += gradient
@@ -233,7 +233,7 @@ def moved(source, place, by, gradient=0.0):
 
 
 def test_an_estimate_is_the_largest_error_over_the_size_of_each_source():
-    """Sizes of B are 4 T and 0.5 T; those of the gradient 80 T/m, which is 4 T over 50 mm to the iron, and 40."""
+    """Sizes of B are 4 T and 0.5 T; sizes of the gradient are 80 T/m (4 T over 50 mm to the iron) and 40 T/m."""
     here = fields_of(FLUX, SLOPE)
     alone = estimate_error(PLACES, here, None, None)
     assert (alone.flux_density, alone.gradient, alone.change, alone.gap) == (0.0, 0.0, None, None)
@@ -252,7 +252,7 @@ def test_an_estimate_is_the_largest_error_over_the_size_of_each_source():
     assert changed.by_source[1].at == tuple(PLACES[2])
     assert changed.worst("B") is changed.by_source[1]
     assert changed.worst("gradient").relative == pytest.approx(0.175)
-    # Half of what lies between two forms; of their B in the middle the largest component is told.
+    # The estimate is half of the difference of two forms; their largest component of B in the middle is reported.
     other = moved(0, 3, 0.5, 8.0)
     between = estimate_error(PLACES, here, None, other)
     assert between.gap == pytest.approx((0.125, 0.1))
@@ -270,7 +270,7 @@ def test_an_estimate_is_the_largest_error_over_the_size_of_each_source():
     ("growth", "shares", "factor"),
     # Where the number of faces doubles or more, the change counts as it is.
     [(1.0, None, 1.0), (2.0, None, 1.0), (0.25, None, 4.0), (1e-9, None, 1000.0)]
-    # Twice the sum of the shares is the other estimate; the smaller of the two counts, for B alone.
+    # Twice the sum of the shares is the other estimate; the smaller of the two counts, for B only.
     + [(1.0, [0.5, 0.07], 1.0), (1.0, [0.5, 0.05], 0.1 / 0.12), (0.25, [0.0, 0.1], 0.2 / 0.12)],
 )
 def test_a_change_counts_more_where_the_mesh_hardly_grew_and_no_more_than_twice_the_shares(
@@ -344,7 +344,7 @@ def test_the_worst_error_is_the_largest_multiple_of_what_is_allowed():
         )
     ]
     estimate = ErrorEstimate(0.1, 0.5, None, None, by_source=tuple(errors))
-    # Of 1 % the magnets' B is 10 times too large; of 1.25 T/m at 2 A the coil's gradient 8 times.
+    # The magnets' B has 10 times the allowed error of 1 %; at 2 A the coil's gradient has 8 times the allowed 1.25 T/m.
     assert Tolerance(0.01).worst(estimate, 1) == (errors[1], pytest.approx(10.0))
     asked = Tolerance(absolute_gradient=1.25, currents=(2.0,))
     assert asked.worst(estimate, 1) == (errors[2], pytest.approx(8.0))
@@ -386,8 +386,8 @@ def test_numbers_in_words():
 
 
 def test_what_a_single_number_asks_for():
-    """Of the gradient three times as much as of B; each mesh is solved to the smallest relative part, to 1e-3 where an
-    absolute part may be the one that counts."""
+    """The gradient may err three times as much as B. Each mesh is solved to the smallest relative part, and to 1e-3 at
+    most where an absolute part may be the one that counts."""
     plain = Tolerance.of(0.01)
     assert (plain.flux_density, plain.gradient, plain.solving) == (0.01, pytest.approx(0.03), 0.01)
     assert (Tolerance.of(0.01, 0.002).solving, Tolerance.of(0.01, np.inf).gradient) == (0.002, None)

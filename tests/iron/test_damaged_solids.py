@@ -1,4 +1,4 @@
-"""Files of other programs on which libraries in C++ crash, wait for ever or ask for all memory: refused, all alike."""
+"""Damaged files on which C++ libraries crash, hang or take all memory are refused, all alike."""
 
 import json
 import sys
@@ -38,7 +38,7 @@ def test_a_reader_that_does_not_end(path, monkeypatch):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="memory is limited on Linux")
 def test_a_reader_that_asks_for_memory(path):
-    # Half of it, asked for and not written to.
+    # Half of the memory limit, requested but not written to.
     asked = f"mmap.mmap(-1, {another_process.MEMORY_BYTES // 2})"
     another_process.read_by_another(
         path, f"import mmap\nlimit()\ntry:\n    {asked}\nexcept OSError:\n    raise MemoryError"
@@ -48,7 +48,7 @@ def test_a_reader_that_asks_for_memory(path):
 
 
 def test_the_trial_of_a_mesh_comes_to_its_end(tmp_path):
-    """One that stopped at an import would find no file damaged."""
+    """A trial that stopped at an import would find no file damaged."""
     file = tmp_path / "cube.vtu"
     pyvista.examples.cells.Hexahedron().save(file)
     with pytest.raises(ValueError, match="crashes"):
@@ -57,7 +57,7 @@ def test_the_trial_of_a_mesh_comes_to_its_end(tmp_path):
 
 @pytest.fixture
 def cube(monkeypatch):
-    """A device with a body whose surface another program has made."""
+    """A device with a body of a surface from another program."""
     monkeypatch.delenv(mesher.FOLDER, raising=False)
     points = 0.01 * np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
     faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]]
@@ -77,7 +77,7 @@ def test_a_mesher_that_crashes_is_bad_input(cube, monkeypatch):
 
 
 def test_another_process_makes_the_mesh_or_says_why_not(cube, monkeypatch):
-    """Where it cannot, this one does; a body without a surface of another program is meshed here."""
+    """If the other process fails, this process makes the mesh; a refusal of the other process is passed on."""
     solids, here = glue_bodies(cube), []
     whole = mesher._generated
 
@@ -113,7 +113,7 @@ def test_what_a_reader_writes_is_handed_over_and_one_that_refuses_hands_over_not
 
 
 def test_the_kernel_reads_no_step_file_here(tmp_path, monkeypatch):
-    """On some damaged ones it loops for ever by chance, though another process has read them without harm."""
+    """The CAD kernel hangs on some damaged files by chance, even if another process has read them without harm."""
     file = tmp_path / "a.step"
     occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(4, 5, 6)).WriteStep(str(file))
     kernel, read_here = occ.OCCGeometry, []
@@ -140,7 +140,7 @@ def test_a_solid_that_cannot_be_taken_over_is_refused(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("module", ["iron.geometry.shapes", "device.mesh_files"])
 def test_a_damaged_file_is_told_at_its_place(tmp_path, monkeypatch, module):
-    """As if the readers of this machine crashed on it; what they crash on differs by version."""
+    """The readers are made to crash here, because real crashes differ by version."""
 
     def crash(path, program):
         return another_process.read_by_another(path, "import os; os.abort()")

@@ -1,4 +1,4 @@
-"""Manners of the data classes of the package: they do not change, and none with arrays in it is compared by them."""
+"""Data classes of the package are frozen, and classes with arrays are not compared by value."""
 
 import importlib
 import pkgutil
@@ -12,7 +12,7 @@ from fieldmap.levitation.balance import MagnetBalance
 from fieldmap.levitation.continuation import _Walk
 from fieldmap.records import Record
 
-# A run and a walk remember how far they are, a balance how often it was asked.
+# A run and a walk keep their progress, a balance counts its evaluations.
 CHANGES = (_Run, _Walk, MagnetBalance)
 
 
@@ -31,8 +31,7 @@ def data_classes(package):
 
 @pytest.mark.parametrize(("package", "count"), [("iron", 100), ("levitation", 20), ("dynamics", 40)])
 def test_data_classes_do_not_change(package, count):
-    """An array has no truth value: two objects with arrays cannot be equal or a key. What people see writes itself on
-    one line, as `Record` does."""
+    """An array has no truth value, so objects with arrays cannot be equal or a key. A `Record` prints one line."""
     every = [*data_classes(package)]
     assert len(every) > count
     for one in every:

@@ -1,4 +1,4 @@
-"""What a designer asks of a machine: windings against hand calculation, inductances and forces against the solver's."""
+"""Design figures of a machine: windings against hand calculation, inductances and forces against the solver."""
 
 import json
 

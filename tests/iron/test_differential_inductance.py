@@ -71,7 +71,7 @@ def test_derivative_of_the_field(currents):
     one = solver.by_currents(PLACES[1], currents)
     for single, many in zip(one, (flux, slope, by_flux, by_slope), strict=True):
         np.testing.assert_allclose(single, many[1], rtol=0, atol=1e-8 * np.abs(many).max())
-    # What asks for derivatives by the currents takes the solver as it is.
+    # Functions that need derivatives by the currents accept the solver itself.
     found = wrench_actuation(solver, PLACES[1], [0.0, 0.0, 0.5], currents)
     np.testing.assert_allclose(found.matrix[:3], 0.5 * by_slope[1, :, 2].T, rtol=1e-9)
     np.testing.assert_allclose(

@@ -1,4 +1,4 @@
-"""Edge grading keeps the body, conforms, and reaches the layer that was asked for."""
+"""Edge grading keeps the body, conforms, and reaches the requested layer."""
 
 from itertools import permutations
 
@@ -91,7 +91,7 @@ def test_all_edges_of_a_single_tetrahedron_are_sharp():
 
 
 def test_layers_fall_with_the_square_of_the_refinement():
-    """Of bodies of which one asks for none."""
+    """Two bodies, and one of them asks for no layer."""
     bodies = (
         Body("a", "iron", (Part(Sphere(0.01)),), 0.005, 9e-4),
         Body("b", "iron", (Part(Sphere(0.01)),), 0.005),
@@ -103,7 +103,7 @@ def test_layers_fall_with_the_square_of_the_refinement():
 
 
 def test_outlines_of_bodies_enclose_their_volumes():
-    """Faces between them belong to both, outward normals to each."""
+    """Faces between two bodies belong to both outlines, each with outward normals."""
     bodies = tuple(
         Body(name, "iron", (Part(Box((0.02, 0.03, height)), placed((0, 0, z))),), 0.01)
         for name, height, z in (("low", 0.01, 0.0), ("high", 0.02, 0.01))

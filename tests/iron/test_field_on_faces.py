@@ -1,4 +1,4 @@
-"""The field on the surface of iron and magnets is that of the air beside it."""
+"""The field on the surface of iron and magnets is the limit from the air."""
 
 import magpylib
 import numpy as np
@@ -32,7 +32,7 @@ def closed_form(points):
 
 
 def test_limit_from_the_air(magnet):
-    """Along a face B jumps by the remanence, up to 1 T; the gradient, which is not defined inside, is that outside."""
+    """Along a face B jumps by the remanence, up to 1 T; the gradient, not defined inside, is the outer one."""
     state, limit = magnet.at([0.0]), closed_form(ON_FACES + 1e-9 * OUTWARD)
     assert np.abs(closed_form(ON_FACES - 1e-9 * OUTWARD) - limit).max(axis=1) == pytest.approx(
         [0.3, 1, 1, 0.3]
@@ -49,7 +49,7 @@ def test_limit_from_the_air(magnet):
 
 
 def test_edges_are_in_the_air(magnet):
-    """There the field grows with the logarithm of the distance: it is that of a point at less than a micrometre."""
+    """On an edge, where the field grows with the logarithm of the distance, it is the field less than 1 um away."""
     out = np.array([[1.0, 1, 0], [1, 1, 1]]) / np.sqrt([[2.0], [3.0]])
     near, far = (closed_form(ON_EDGES + distance * out) for distance in (1e-7, 1e-6))
     found = magnet.at([0.0]).field(ON_EDGES)

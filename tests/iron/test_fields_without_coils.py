@@ -1,4 +1,4 @@
-"""Devices whose field no current drives: permanent magnets without coils, and iron without any source."""
+"""Devices without a driven field: permanent magnets without coils, and iron without any source."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def points():
 
 
 def test_a_magnet_and_a_soft_cube_to_a_tolerance(points):
-    """It ended in a bare ValueError: the estimate asked for the largest field of the coils, of which there are none."""
+    """This once ended in a bare ValueError: the estimate took the largest field over an empty list of coils."""
     device = machine(MAGNET, CUBE)
     solution = fm.solve_to_tolerance(device, 0.01)
     error = solution.report.error
@@ -46,8 +46,8 @@ def test_a_magnet_and_a_soft_cube_to_a_tolerance(points):
 
 @pytest.mark.parametrize("tolerance", [0.02, 0.005])
 def test_a_spherical_magnet_to_a_tolerance(points, tolerance):
-    """At mu_r = 1 a dipole: mu0 m = remanence x volume. Dipoles in the workspace leave no charges on such a magnet, and
-    the second mesh for the finer tolerance hardly differs from the first."""
+    """At mu_r = 1 the ball is a dipole with mu0 m = remanence x volume. Dipoles in the workspace leave no charges on
+    such a magnet, and the second mesh for the finer tolerance hardly differs from the first."""
     ball = fm.Body("ball", "ndfeb", fm.Sphere(0.01), mesh_size=0.008)
     device = machine(ball, ndfeb=fm.PermanentMagnet("ndfeb", np.array([0.0, 0.0, 1.2]), 1.0))
     solution = fm.solve_to_tolerance(device, tolerance)
@@ -59,7 +59,7 @@ def test_a_spherical_magnet_to_a_tolerance(points, tolerance):
 
 
 def test_the_estimate_of_one_form_alone_sees_the_magnet():
-    """With a flux barrier there is no second form: the estimate was 0 without a coil, whatever the mesh."""
+    """With a flux barrier there is no second form: without a coil the estimate was once 0 on every mesh."""
     barrier = fm.Body("barrier", "shield", CUBE.parts, mesh_size=0.002)
     solution = fm.solve_to_tolerance(machine(MAGNET, barrier, shield=fm.FluxBarrier("shield")), 0.02)
     assert 1e-5 < solution.report.error.flux_density <= 0.02

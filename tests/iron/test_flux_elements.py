@@ -67,8 +67,7 @@ def test_patch(block, mu_r):
 
 
 def test_means_over_triangles(block):
-    """Of functions of second order, by quadrature, on faces of the mesh whose corners are named in any order: of the
-    nodal elements exactly, and of the linear part that each face has."""
+    """Means of a quadratic function over faces with corners in any order: nodal and flux elements are exact."""
     topology, elements = block
     faces = topology.nodes[np.random.default_rng(3).permutation(len(topology.nodes))[:40]]
     faces = np.array([np.roll(face, k) for k, face in enumerate(faces)])
@@ -83,7 +82,7 @@ def test_means_over_triangles(block):
 
 
 def test_coil_field_is_that_of_the_nodal_elements(block):
-    """A linear coil field without curl is taken over exactly, and alone it makes the flux that it makes in air."""
+    """A linear coil field without curl is represented exactly, and in air it leaves no residual."""
     _, elements = block
     field = elements.coil_field(lambda x: gradient(x)[None])
     assert field[0] == pytest.approx(gradient(points_of(elements)), abs=1e-10)
@@ -94,7 +93,7 @@ def test_coil_field_is_that_of_the_nodal_elements(block):
 
 @pytest.mark.parametrize("strength", [1e-4, 1e-3, 0.1, 2.0])
 def test_tangent_is_the_derivative_and_elements_keep_their_flux(block, strength):
-    """Steel from weak to saturated, at potentials without any order: Taylor remainder of second order, no net flux."""
+    """Steel from weak to saturated, at random potentials: Taylor remainder of second order, no net flux."""
     _, elements = block
     steel = material(elements, fm.read_device("drive_unit").materials["steel"], remanence=0.3)
     random = np.random.default_rng(5)

@@ -52,7 +52,7 @@ def test_action_is_reaction(solution):
 
 
 def test_forces_add_up_grow_with_the_square_of_the_current_and_turn_about_any_point(solution):
-    """Of parts together and one by one; T(b) = T(a) + (a - b) x F."""
+    """Forces of parts add up, grow with the square of the current, and T(b) = T(a) + (a - b) x F."""
     force, together = solution.force_on("ring", CURRENTS), solution.force_on(["block", "ring"], CURRENTS)
     single = solution.force_on("block", CURRENTS) + force
     assert together == pytest.approx(single, abs=2e-3 * np.abs(single).max())

@@ -1,4 +1,4 @@
-"""Which geometries are refused, with which numbers, and which are sound: bodies and how they touch."""
+"""Bodies and their contacts: refused geometries with the numbers of each problem, and sound geometries."""
 
 import re
 from pathlib import Path
@@ -77,7 +77,7 @@ def test_contact_survives_the_rounding_of_decimal_coordinates():
 
 
 def named(problem):
-    """The names that a problem is about, in quotes where it is."""
+    """The quoted names in the place of a problem."""
     return re.findall(r"'([^']*)'", problem.where)
 
 
@@ -182,7 +182,7 @@ def test_contact_without_a_common_face_is_refused(second, kind):
 
 
 def test_the_place_of_a_round_contact_lies_on_it():
-    # A ball that fills a tube touches it along its equator; the equator's centre would be no place of contact.
+    # A ball that fills a tube touches it along its equator, and the equator's centre is no point of contact.
     (problem,) = problems(body("tube", Ring(0.01, 0.02, 0.04)), body("ball", Sphere(0.01), 0, 0, 20))
     x, y, z = (float(text) for text in problem.received.split("(")[1].split(")")[0].split(","))
     assert np.hypot(x, y) == pytest.approx(10, abs=1e-5)
@@ -195,7 +195,7 @@ def test_edge_contact_between_bodies_that_both_stand_on_a_third_is_refused():
     )
     assert "'a' and 'b'" in problem.where
     assert "edge" in problem.received
-    # Two edges: a third body between two others.
+    # Body 'b' touches body 'a' along two edges.
     beside = tuple(Part(CUBE, Placement(1e-3 * np.array([x, x, 0.0]))) for x in (-10, 10))
     plate = body("plate", Box((0.1, 0.1, 0.01)), 0, 0, -10)
     (problem,) = problems(plate, body("a", CUBE), Body("b", "iron", beside, 0.005))
@@ -219,7 +219,7 @@ def test_all_problems_come_in_one_error():
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("sign", [1, -1])
 def test_boxes_around_solids_are_as_far_apart_as_they_are(axis, sign):
-    """Two cubes of 10 mm, 2 mm apart along an axis, beside each other along the others; and one inside the other."""
+    """Two cubes of 10 mm, 2 mm apart along one axis and overlapping along the others; and one inside the other."""
     place = np.array([3.0, -2.0, 4.0])
     place[axis] = sign * 12.0
     one, other = (body_solid(body("a", CUBE)), body_solid(body("b", CUBE, *place)))

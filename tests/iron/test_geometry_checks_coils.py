@@ -1,4 +1,4 @@
-"""Which windings and workspaces are refused, with which numbers; and the whole drive unit, which is sound."""
+"""Windings and workspaces: refused ones with the numbers of each problem, and the whole drive unit, which is sound."""
 
 import re
 from dataclasses import replace
@@ -54,7 +54,7 @@ def device(coils=(), bodies=(), workspace=None) -> fm.Device:
 
 
 def named(problem):
-    """The names that a problem is about, in quotes where it is."""
+    """The quoted names in the place of a problem."""
     return re.findall(r"'([^']*)'", problem.where)
 
 
@@ -192,7 +192,7 @@ def test_neighbouring_rounded_square_coils_clear_each_other_by_their_corners(dri
 
 
 def test_windings_of_the_drive_unit_made_too_wide_are_all_named(drive_unit):
-    # Two millimetres more outside and inside: every coil cuts its core and both its neighbours.
+    # With two millimetres more outside and inside, every coil cuts its core and both its neighbours.
     wide = tuple(replace(coil, thickness=0.014) for coil in drive_unit.coils)
     found = [problem.where for problem in problems(device(wide, drive_unit.bodies))]
     assert sum("body 'core" in where for where in found) == 6

@@ -1,4 +1,4 @@
-"""Which currents and magnets in air are refused, by where they lie to bodies and workspace."""
+"""Currents and magnets in air are refused by their place relative to bodies and workspace."""
 
 from dataclasses import replace
 
@@ -47,7 +47,7 @@ def body(shape, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> fm.Body:
 
 
 def device(*sources: AirSource, bodies=(), workspace=None, frame=None) -> fm.Device:
-    """Currents are coils in a frame of their own, the rest is the background."""
+    """Sources with currents become coils in a frame of their own; the others become the background."""
     driven = [one for one in sources if one.kind in CURRENTS]
     fixed = tuple(one for one in sources if one.kind not in CURRENTS)
     return fm.Device.unchecked(
@@ -64,7 +64,7 @@ def device(*sources: AirSource, bodies=(), workspace=None, frame=None) -> fm.Dev
 
 
 def refused(machine: fm.Device) -> list[str]:
-    """What the problems are about."""
+    """The places that the problems name."""
     try:
         check_geometry(machine)
     except GeometryError as error:
@@ -88,7 +88,7 @@ def test_every_kind_is_tried():
 
 @pytest.mark.parametrize("kind", SOURCES)
 def test_a_source_in_a_body_is_refused(kind):
-    """Wholly inside, and half way through the surface."""
+    """The source is wholly inside the body, or half way through its surface."""
     owner = "coil 'c0'" if kind in CURRENTS else "the background"
     said = [f"device 'd': source 1 ({kind}) of {owner} and body 'iron'"]
     assert refused(device(source(kind), bodies=(BALL,))) == said
@@ -104,7 +104,7 @@ def test_a_source_beside_a_body_or_in_its_slit_is_sound(kind):
 
 @pytest.mark.parametrize("kind", SOURCES)
 def test_a_source_in_the_workspace_is_refused(kind):
-    """Field and gradient of a map are taken to be smooth there. Without iron as well."""
+    """Field and gradient of a map are taken to be smooth in the workspace, with or without iron."""
     box = fm.WorkspaceBox([-0.02, -0.02, -0.02], [0.02, 0.02, 0.02])
     owner = "coil 'c0'" if kind in CURRENTS else "the background"
     assert refused(device(source(kind), workspace=box)) == [
@@ -122,7 +122,7 @@ def test_the_frame_of_a_coil_moves_its_sources():
 
 
 def test_magnets_may_touch_and_wires_need_a_gap():
-    """The field on a filament or sheet is infinite or has two values; that of a magnet has one on its outside."""
+    """The field on a filament or sheet is infinite or has two values; the field on the outside of a magnet has one."""
     block = body(fm.Box((0.02, 0.02, 0.01)))
     assert refused(device(source("Cuboid", z=12.5), bodies=(block,))) == []
     assert len(refused(device(source("Cuboid", z=12.499), bodies=(block,)))) == 1
@@ -144,7 +144,7 @@ def test_all_faults_at_once():
 
 
 def test_an_object_of_another_class_is_named_in_the_notes():
-    """Nobody knows where its currents flow."""
+    """The checks cannot know where its currents flow."""
     machine = device(AirSource(OTHER, live=object()), bodies=(BALL,))
     assert refused(machine) == []
     (note,) = geometry_notes(machine)
@@ -160,7 +160,7 @@ def test_a_shape_that_is_no_shape_is_a_problem():
 
 
 def test_a_wire_through_the_hole_of_a_ring():
-    """Ampere's law: H = I / (2 pi r) round the wire, and the mean of 1 / r over the section is that of its middle."""
+    """Ampere's law: H = I / (2 pi r) round the wire, and the mean of 1 / r is nearly 1 / r in the middle."""
     ring, far = body(fm.Ring(0.018, 0.022, 0.004)), 0.3
     loop = np.array([[0, 0, -far], [0, 0, far], [far, 0, far], [far, 0, -far], [0, 0, -far]])
     wire = AirSource("Polyline", current=1.0, vertices=loop)

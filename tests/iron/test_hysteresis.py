@@ -1,4 +1,4 @@
-"""Iron that remembers, in the solver: against the sphere's scalar equation, the energy that the coil loses, and the
+"""Iron with hysteresis in the solver: against the sphere's scalar equation, the energy that the coil loses, and the
 solver without hysteresis."""
 
 from dataclasses import replace
@@ -55,7 +55,7 @@ def uniform(form, applied):
 
 
 def sphere_by_formula(applied, remembered):
-    """Polarisation J of the sphere, J + 3 h = 3 B0, and what its cells then remember: plays of one dimension."""
+    """Polarisation J of the sphere, J + 3 h = 3 B0, and the state of its cells afterwards, one-dimensional plays."""
     kappa = mu_0 * PINNING.fields
 
     def polarisation(h):
@@ -98,7 +98,7 @@ def test_tangent_is_the_derivative_of_the_residual(form):
         np.linalg.norm(form._residual(phi + a * step, back, 0, iron) - base - a * slope)
         for a in (0.2, 0.1, 0.05)
     ]
-    # Points where a cell lets go within the step are kinks: the mean slope of both halvings.
+    # A cell that lets go within the step makes a kink: the mean order of both halvings is tested.
     assert 0.5 * np.log2(left[0] / left[2]) > 1.7
 
 
@@ -110,8 +110,8 @@ def solver(ball):
 
 
 def test_energy_lost_in_a_cycle(solver):
-    """The area of a closed cycle of current against linkage is what the cells dissipated. Each step is a minimum, so
-    that old current times change of linkage is never more than what is stored and lost, new current never less."""
+    """The area of a closed cycle of current against linkage is the energy that the cells dissipated. Each step is a
+    minimum: the energy stored and lost is at least old current, at most new current, times change of linkage."""
     memory = solver.step([100.0], solver.demagnetised).memory
     state = solver.step([80.0], memory)
     current, linkage, loss = [100.0, 80.0], [], state.loss
@@ -189,7 +189,7 @@ def test_a_background_is_refused(ball):
 
 
 def test_cells_lose_their_pinning_field_times_their_way(form):
-    """Two cells in each element of the ball, of which one moves along x, so far that it turns its polarisation over."""
+    """Each element of the ball has two cells; one of them moves along x until its polarisation is reversed."""
     cells = Pinning(50.0, cells=2)
     before = material(form, cells)
     volume, count = form.elements.volume, len(form.elements.volume)
@@ -198,7 +198,7 @@ def test_cells_lose_their_pinning_field_times_their_way(form):
     there, back = np.zeros((count, 4, 2, 4)), np.zeros((count, 4, 2, 4))
     there[:, :, 1, ::3], back[:, :, 1, ::3] = (0.01, polarised / 0.01), (-0.01, polarised / 0.01)
     up, down = replace(before, remembered=there), replace(before, remembered=back)
-    # Half of the cells has no pinning field, the other twice the coercive field.
+    # Half of the cells have no pinning field, the others twice the coercive field.
     lost = mu_0 * 100.0 * 0.5 * polarised * volume.sum()
     assert before.dissipated(up, volume) == pytest.approx(lost, rel=1e-6)
     assert up.dissipated(down, volume) == pytest.approx(2 * lost, rel=1e-6)
@@ -206,7 +206,7 @@ def test_cells_lose_their_pinning_field_times_their_way(form):
 
 
 def test_materials_bring_their_own_coercive_fields(ball, solver):
-    """What the device states, against the same stated for the whole solver; a second material keeps its own."""
+    """A coercive field of the material against the same field for the whole solver; a second material keeps its own."""
     hard = replace(STEEL, coercive_field=25e3)
     coil = CircularCoil("coil", 0.08, 0.1, 0.02, 1000.0)
     body = replace(ball.bodies[0], mesh_size=0.03)
@@ -216,7 +216,7 @@ def test_materials_bring_their_own_coercive_fields(ball, solver):
     np.testing.assert_array_equal(found[0].potential, found[1].potential)
     assert own.assumptions[0].startswith("iron 'steel'")
     assert "25000 A/m" in own.assumptions[0]
-    # Solutions that do not follow it say so; of iron without it there is nothing to say.
+    # Solutions without hysteresis state that they leave it out; iron without a coercive field needs no such note.
     for material, said in ((hard, True), (replace(STEEL, coercive_field=0.0), False)):
         device = replace(ball, coils=(coil,), bodies=(body,), materials={"steel": material})
         assert any("25000 A/m" in text for text in solve_linear(device).assumptions) is said
@@ -231,7 +231,7 @@ def test_materials_bring_their_own_coercive_fields(ball, solver):
     )
     iron = both.demagnetised.material
     np.testing.assert_allclose(iron.pinning.mean(axis=1), mu_0 * np.array([25e3, 10.0]))
-    # In 0.2 T both are all but saturated, one at 2.0 T and one at 1.5 T; the cells of the hard one lag behind.
+    # At 0.2 T both are all but saturated, one at 2.0 T and one at 1.5 T; the cells of the hard one lag behind.
     j = iron.polarisation(np.full((len(iron.law), 4, 3), 0.2 * DIRECTION), 0) @ DIRECTION
     assert j[iron.law == 1] == pytest.approx(1.5 * 499 * 0.2 / (1.5 + 499 * 0.2), rel=1e-4)
     lagging = 0.2 - mu_0 * Pinning(25e3).fields
@@ -240,7 +240,7 @@ def test_materials_bring_their_own_coercive_fields(ball, solver):
 
 
 def test_where_newton_begins_leaves_no_trace(solver):
-    """A state near the one that is asked for saves steps, and changes it by what the solver's tolerance allows."""
+    """A start near the wanted state saves steps and changes the result only within the solver's tolerance."""
     memory = solver.step([100.0], solver.demagnetised).memory
     plain = solver.step([-30.0], memory)
     near = solver.step([-30.0], memory, near=solver.step([-30.5], memory))
@@ -252,7 +252,7 @@ def test_where_newton_begins_leaves_no_trace(solver):
 
 @pytest.mark.parametrize("currents", [[80.0], [20.0], [-40.0]])
 def test_first_guess_of_a_step(solver, currents):
-    """On as before, or in proportion to currents that turn: closer to the state than the potential before it."""
+    """The last step is extrapolated, or the potential is scaled with currents that turn back."""
     memory = solver.step([60.0], solver.step([40.0], solver.demagnetised).memory).memory
     found = solver.step(currents, memory).memory.potential
     guess = memory.continued(np.array(currents))
@@ -274,7 +274,7 @@ def test_a_step_that_fails_is_divided(solver, monkeypatch):
     loss, steps = 0.0, 0
     one = memory
     for current in (85.0, 110.0, 135.0, 160.0):
-        # Begun where a divided step begins: at the state before.
+        # A divided step begins at the state before.
         state = solver._at(np.array([current]), one, 1e-3 * 1e-3, one.potential)
         one, loss, steps = state.memory, loss + state.loss, steps + state.steps
     assert whole.parts == 4
@@ -286,7 +286,7 @@ def test_a_step_that_fails_is_divided(solver, monkeypatch):
 
 
 def test_what_the_iron_did_along_a_path_is_read_from_its_potentials(solver):
-    """Polarisation at the points, from what the cells remember at each state; a magnet's remanence is not in it."""
+    """Polarisation at the points from the cells' memory at each state; a magnet's remanence is not part of it."""
     path, memory, states = np.array([[100.0], [-20.0], [60.0]]), solver.demagnetised, []
     for currents in path:
         states.append(solver.step(currents, memory))

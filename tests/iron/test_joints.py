@@ -33,7 +33,7 @@ def blocks(places, joints):
 
 
 def c_core(joints=(), gap=0.0, size=0.004, edge=0.001, material=None):
-    """Two legs on a base, a bar on both; gap: drawn below the bar, cut out of the legs."""
+    """Two legs on a base, and a bar on both; gap: drawn below the bar and cut out of the legs."""
     a, w, height = THICKNESS, WIDTH / 2, 0.03 - gap
     right = [(w, 0), (w, height), (w - a, height), (w - a, a)]
     outline = right + [(-x, y) for x, y in reversed(right)]
@@ -63,7 +63,7 @@ def test_a_sheet_lies_between_the_bodies(symmetry):
     sheet = 2 * THICKNESS**2 * 0.5e-3
     assert volume.min() > 0
     assert (mesh.symmetry is not None) == (symmetry == "auto")
-    # The gap is cut out of the legs, whose ends the joint is, not out of the bar.
+    # The gap is cut out of the legs, which end at the joint, not out of the bar.
     expected = {"base": 8e-6 - sheet, "bar": 4e-6, "base | bar": sheet}
     assert of_body == pytest.approx(expected, rel=1e-12)
     faces = build_faces(mesh.points, mesh.tets)
@@ -147,8 +147,8 @@ def column(side, length, heights):
 
 
 def test_the_layer_at_a_rim_lets_its_share_of_the_flux_pass_the_air():
-    """Of each joint of a stack: a gap g of area A and rim P passes P g log(h / (g / 4)) / (pi A) of its flux, 2.5 %,
-    from elements of the size h on; h is no more than exp(20) g / 4."""
+    """Elements of the size h at a gap g of area A and rim P miss the share P g log(h / (g / 4)) / (pi A) of its flux,
+    which passes the air. The layer is the h of a share of 2.5 %, and exp(20) g / 4 at most."""
     side, gaps = 0.01, (1e-4, 2e-5, 1e-6)
     points, tets, body = column(side, 8, (2, 4, 6))
     sheets = [Sheet(f"{k} | {k + 1}", (k, k + 1), gap, 1.0) for k, gap in enumerate(gaps)]
@@ -172,8 +172,8 @@ def test_the_layer_at_a_rim_lets_its_share_of_the_flux_pass_the_air():
 
 @pytest.mark.parametrize("height", [-1.0, 0.0, 1.0])
 def test_sheets_are_cut_out_of_a_body_wherever_the_device_stands(height):
-    """A stack of three blocks, the middle twice as high: each sheet has the volume of its gap, a block has lost it, and
-    the outside stays."""
+    """A stack of three blocks, the middle twice as high: each sheet has the volume of its gap, one block has lost it,
+    and the outside stays."""
     side, gaps = 0.01, (1e-4, 2e-4)
     points, tets, body = column(side, 8, (2, 6))
     points = points + [0.0, 0.0, height]
@@ -181,11 +181,11 @@ def test_sheets_are_cut_out_of_a_body_wherever_the_device_stands(height):
     opened = open_sheets(points, tets, body, sheets, 3)
     volume = volumes(opened.points, opened.tets)
     assert volume[: len(tets)].min() > 0
-    # Tets of sheets are turned the right way round later.
+    # Tets of sheets are oriented later.
     of_body = np.bincount(opened.body, np.abs(volume))
     assert of_body[3:] == pytest.approx(side**2 * np.array(gaps), rel=1e-9)
     assert of_body.sum() == pytest.approx(4 * side**3, rel=1e-12)
-    # Of the two at a joint the smaller one makes room.
+    # At each joint the smaller block makes room.
     assert of_body[:3] == pytest.approx(
         side**2 * np.array([side - gaps[0], 2 * side, side - gaps[1]]), rel=1e-9
     )
@@ -194,14 +194,14 @@ def test_sheets_are_cut_out_of_a_body_wherever_the_device_stands(height):
 @pytest.mark.parametrize(
     ("lower", "upper", "heights", "out_of"),
     [
-        # Walls alike, upright or slanted: the smaller block makes room.
+        # Both walls are alike, upright or slanted: the smaller block makes room.
         (0.0, 0.0, (6,), 1), (0.0, 0.0, (2,), 0), (0.5, 0.5, (6,), 1), (0.5, 0.5, (2,), 0), (0.5, 0.53, (6,), 1),
-        # One of them slides along its walls.
+        # Only the upright block can slide along its walls.
         (0.0, 0.5, (6,), 0), (0.0, 0.5, (2,), 0), (0.5, 0.0, (6,), 1), (0.5, 0.0, (2,), 1),
     ],
 )  # fmt: skip
 def test_a_gap_is_cut_out_of_what_slides_along_its_walls(lower, upper, heights, out_of):
-    """Two blocks, each slanted by this much along x for its height."""
+    """Two blocks; lower, upper: the shift of each along x per height."""
     side, gap = 0.01, 1e-4
     points, tets, body = column(side, 8, heights)
     above = points[:, 2] - 0.5 * side * heights[0]
@@ -352,7 +352,7 @@ def test_hysteresis_passes_a_joint():
 
 
 def test_a_map_holds_the_joints(tmp_path):
-    """A map equals the solution that it is made of, and is another than that of the core without joints."""
+    """A map equals the solution that it is made of, and differs from a map of the core without joints."""
     box = fm.WorkspaceBox(np.array([-0.004, -0.004, 0.045]), np.array([0.004, 0.004, 0.053]))
     device = c_core(JOINT, size=0.006, edge=0.006).replace(workspace=box)
     m = fm.open_map(fm.generate(device, tmp_path / "core.h5", spacing=2e-3))

@@ -1,5 +1,4 @@
-"""Arrays in another order, or that must not be written to, take the kernels that are compiled for the others: compiling
-them once more takes seconds."""
+"""Arrays in another order and read-only arrays take the kernels that are compiled already: compiling takes seconds."""
 
 import numpy as np
 import pytest

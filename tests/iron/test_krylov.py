@@ -19,7 +19,7 @@ def test_reported_residual_is_the_true_one():
 
 
 def test_zero_column_and_exact_breakdown():
-    """A zero source gives zero; an eigenvector is found in one step and later steps do no harm."""
+    """A zero source gives zero; an eigenvector is found in one step, and later steps do no harm."""
     matrix = np.diag([1.0, 2.0, 3.0, 4.0])
     right = np.column_stack([np.zeros(4), [0.0, 2.0, 0, 0], [1.0, 1, 1, 1]])
     x, _ = block_gmres(lambda v: matrix @ v, right, 1e-13, 10)

@@ -19,7 +19,7 @@ def test_lower_triangles_are_those_of_the_factor_and_the_inverse(size, precision
     held = matrix.copy(order="F")
     cholesky_in_place(held)
     assert np.tril(held) == pytest.approx(np.linalg.cholesky(matrix.astype(float)), rel=digits, abs=digits)
-    # What is above the diagonal is left alone.
+    # Entries above the diagonal are left alone.
     assert np.array_equal(np.triu(held, 1), np.triu(matrix, 1))
     inverse_in_place(held)
     exact = np.linalg.inv(matrix.astype(float))

@@ -42,8 +42,8 @@ def test_inductance_is_symmetric_and_both_forms_agree(forms):
 
 @pytest.mark.parametrize("form", ["potential", "flux"])
 def test_ring_linked_with_coils_is_a_toroid(form):
-    """A closed circuit, where the coils' field has a circulation in the iron: six coils evenly round an iron ring
-    link mu0 mu_r N^2 A / (2 pi r) with each other, hardly anything leaks, and to that comes what they have in air."""
+    """Six coils evenly round a closed iron ring link mu0 mu_r N^2 A / (2 pi r) with each other, with hardly any
+    leakage, besides their linkage in air. The coils' field has a circulation in the iron."""
     (inner, outer, height), mu_r, turns = RING, 2000.0, 10.0
     device = toroid(fm.LinearMaterial("iron", mu_r))
     unit = fm.solve_linear(device, form=form)
@@ -58,7 +58,7 @@ def solver():
 
 
 def test_linkage_is_the_derivative_of_the_coenergy(solver):
-    """In saturation, by each current. Exact on any mesh, up to the solver's tolerance and the difference."""
+    """In saturation, by each current: exact on any mesh, up to the solver's tolerance and the step."""
     currents, step = np.array([20.0, 10.0]), 0.02
     state = solver.solve(currents, tolerance=1e-5)
     assert state.report.largest_flux_density > 1.7
@@ -71,8 +71,7 @@ def test_linkage_is_the_derivative_of_the_coenergy(solver):
 
 
 def test_energy_is_the_work_of_the_currents(solver):
-    """W = int I . dlambda on the way from zero, Gauss's rule in the linkage's derivative by parts:
-    W = I . lambda - int lambda dI."""
+    """W = int I . dlambda from zero, by Gauss's rule after integration by parts: W = I . lambda - int lambda dI."""
     final = np.array([20.0, 10.0])
     x, w = np.polynomial.legendre.leggauss(5)
     states, begin = [], None
@@ -102,8 +101,8 @@ def test_saturated_force_is_the_derivative_of_the_coenergy(solver):
 @pytest.mark.parametrize("form", ["potential", "flux"])
 @pytest.mark.parametrize("mu_r", [1.0, 1.3])
 def test_magnet_links_its_flux_with_a_coil(form, mu_r):
-    """Reciprocity at mu_r = 1: linkage = int Br/mu0 . B_coil dV. With recoil permeability, both forms agree and
-    so does the saturating door."""
+    """Reciprocity at mu_r = 1: linkage = int Br/mu0 . B_coil dV. With recoil permeability both forms agree, and the
+    nonlinear solver agrees with both."""
     magnet = fm.Body("magnet", "magnet", fm.Box((0.01, 0.008, 0.006)), 0.0025)
     remanence = np.array([0.3, -0.2, 1.1])
     coil = fm.CircularCoil("coil", 0.012, 0.016, 0.006, 150.0, placement=at(0.002, 0, 0.003))

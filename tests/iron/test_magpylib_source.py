@@ -1,4 +1,4 @@
-"""Solved iron as a magpylib source: magpylib's answers against the solution's own, and against objects of its own."""
+"""Solved iron as a magpylib source: magpylib's answers against the solution and magpylib's own objects."""
 
 import magpylib
 import numpy as np
@@ -14,7 +14,7 @@ from fieldmap.sources import CoilSet
 from fieldmap.sources.magpylib_objects import magpylib_coil, magpylib_tetrahedra
 
 AIR = np.array([[0.0, 0.0, -0.006], [0.008, 0.002, -0.004], [0.012, 0.0, 0.01], [0.0, -0.03, 0.05]])
-# In the core, in the magnet, in the winding.
+# One point in the core, one in the magnet, one in the winding.
 INSIDE = np.array([[0.001, 0.0, 0.005], [0.0005, 0.0004, 0.03], [0.007, 0.0, 0.01]])
 EVERYWHERE = np.vstack([AIR, INSIDE])
 TURN = Rotation.from_rotvec([0.3, 0.2, -0.5])
@@ -105,7 +105,7 @@ def test_in_a_collection_that_is_turned_and_as_a_copy_that_moves_apart(unit):
 
 
 def test_force_and_torque_on_a_small_magnet(unit):
-    """magpylib's sum over cells of a small cube, against the dipole in the gradient of the solver."""
+    """magpylib's sum over cells of a small cube against a dipole in the solver's gradient."""
     position, polarisation = np.array([0.006, 0.002, -0.012]), np.array([0.5, -0.3, 1.0])
     cube = magpylib.magnet.Cuboid(polarization=polarisation, dimension=(5e-4,) * 3, position=position)
     force, torque = magpylib.getFT(unit.as_magpylib([3.0]), cube, meshing=27)
@@ -129,7 +129,7 @@ def test_making_a_source_evaluates_nothing():
 
 
 def test_each_observer_is_asked_once(unit, monkeypatch):
-    """So that getB costs what `field` costs."""
+    """getB then costs as much as `field`."""
     source, asked = unit.as_magpylib([3.0]), []
     own = type(source.field).field
     monkeypatch.setattr(type(source.field), "field", lambda self, x: asked.append(len(x)) or own(self, x))
@@ -162,7 +162,7 @@ def test_a_style_that_is_given_later_is_taken(unit):
 
 
 def volume(points, triangles):
-    """Of a closed surface whose triangles turn outward; zero or negative where some do not."""
+    """Signed volume of a closed surface: positive if its triangles turn outward."""
     a, b, c = np.moveaxis(points[triangles], 1, 0)
     return np.einsum("kd,kd->", a, np.cross(b, c)) / 6
 
@@ -177,7 +177,7 @@ def test_outlines_are_closed_and_turn_outward(unit):
 
 @pytest.mark.parametrize("form", ["potential", "flux"])
 def test_the_polarisation_of_a_magnet_makes_magpylibs_field(form):
-    """At mu_r = 1 it is the remanence whatever the coil does: magpylib's own block and coil, and its tetrahedra."""
+    """At mu_r = 1 it is the remanence at any current: magpylib's own block and coil, and its tetrahedra."""
     remanence = np.array([0.3, -0.2, 1.0])
     block = fm.Body("block", "magnet", fm.Box((0.01, 0.008, 0.006)), 0.003).moved([0, 0, 0.02])
     coil = fm.CircularCoil("coil", 0.006, 0.008, 0.01, 100.0).moved([0, 0, 0.008])
@@ -199,7 +199,7 @@ def tetrahedra_of(state):
 
 @pytest.mark.parametrize("form", ["potential", "flux"])
 def test_the_polarisation_of_linear_iron_makes_its_field(form):
-    """Of constant tetrahedra, to their discretisation."""
+    """Tetrahedra of constant polarisation, to their discretisation error."""
     unit = fm.solve_linear(device(fm.LinearMaterial("iron", 200.0)), form=form, refinement=1.3)
     ours = unit.field(AIR, [3.0])
     theirs = tetrahedra_of(unit.at([3.0])).getB(AIR) + magpylib_coil(unit.coils[0], 3.0).getB(AIR)
@@ -207,7 +207,7 @@ def test_the_polarisation_of_linear_iron_makes_its_field(form):
 
 
 def test_the_polarisation_of_a_saturated_state_makes_its_field():
-    """Means of the polarisation in place of the second-order form's charges: a difference that the mesh makes small."""
+    """Mean polarisations replace the second-order form's charges; the mesh makes the difference small."""
 
     def error(refinement):
         state = fm.solve(device(fm.Froehlich("iron", 2000.0, 2.1)), [30.0], refinement=refinement)

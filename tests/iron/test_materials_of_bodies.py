@@ -1,4 +1,4 @@
-"""What solvers take of the materials of bodies, what is said of it, and reports in numbers and words."""
+"""Material properties that the solvers use, notes on them, and reports in numbers and words."""
 
 import json
 import re
@@ -46,12 +46,12 @@ def test_permeability_and_remanence_of_every_body():
     every = device("plain", "steel", "magnet", "barrier", "plain")
     own, asked = body_properties(every, None), body_properties(every, 7.0)
     assert own.mu_r.tolist() == [100.0, 500.0, 1.05, BARRIER_MU_R, 100.0]
-    # Soft iron alone follows what is asked for.
+    # Only soft iron takes the requested permeability.
     assert asked.mu_r.tolist() == [7.0, 7.0, 1.05, BARRIER_MU_R, 7.0]
     for found in (own, asked):
         assert found.remanence.tolist() == [[0, 0, 0], [0, 0, 0], [0.1, 0, -1.2], [0, 0, 0], [0, 0, 0]]
         assert found.weakest == BARRIER_MU_R
-        # Of each material once.
+        # Each material has one note.
         assert len(found.assumptions) == 4
     assert "mu_r = 500" in own.assumptions[1]
     assert "mu_r = 7 as requested" in asked.assumptions[1]
@@ -149,7 +149,7 @@ def test_a_report_in_words_and_back_from_json():
 
 
 def test_notes_of_a_state_are_those_of_its_kind():
-    """What a linear state rests on, and how far saturating iron is driven; a field of something else says its own."""
+    """A linear state lists its assumptions, a saturating state also how far iron is driven, another field its own."""
     machine = device("plain", coils=(fm.CircularCoil("c", 0.05, 0.06, 0.01, 100),))
     linear = fm.solve_linear(machine, refinement=0.5)
     told = notes.state_notes(machine, linear.at([1e5]))
@@ -186,7 +186,7 @@ def test_stages_tell_and_time_each_step(monkeypatch):
 
 
 def test_sizes_grow_with_the_distance_from_where_they_are_asked():
-    """By 0.3 of the distance from the nearest places; nothing is asked where there are none."""
+    """Sizes grow by 0.3 of the distance from the nearest places; without places there is no limit."""
     places = np.array([[0.0, 0, 0], [1.0, 0, 0], [0, 10.0, 0]])
     sizes = LocalSizes(places, np.array([0.5, 0.1, 0.01]), places[:2], np.array([0.2, 0.3]))
     at = np.array([[0.0, 0, 0], [1.0, 0, 0.2], [0.2, 0, 0], [0.0, 9.0, 0.0]])

@@ -1,4 +1,4 @@
-"""Meshes that were made before: the same bits as those made afresh, and of nothing but the same solids."""
+"""Kept meshes have the bits of fresh meshes, and only equal solids share a mesh."""
 
 import os
 from dataclasses import fields, replace
@@ -21,7 +21,7 @@ COARSE = 0.4
 
 @pytest.fixture
 def made(monkeypatch):
-    """What the mesher was asked for; nothing is kept before, and no folder is there."""
+    """The requests to the mesher, which starts with no kept mesh and no folder."""
     asked, generated = [], mesher._generated
 
     def counted(*arguments):
@@ -55,7 +55,7 @@ def same_bits(one, other):
 
 
 def test_all_processes_of_a_test_run_share_one_folder():
-    """`tests/conftest.py` writes the name of the variable out."""
+    """`tests/conftest.py` has the name of the variable as a literal."""
     assert Path(os.environ[FOLDER]).is_dir()
 
 
@@ -80,7 +80,7 @@ def test_other_coils_and_materials_need_no_other_mesh(made, device):
 
 
 def test_whatever_the_mesher_is_given_asks_for_another_mesh(made, device):
-    """The smallest change of a radius, sizes, places of small elements, and the surface alone."""
+    """The smallest change of a radius, other sizes, other places of small elements, and the surface alone."""
     (body,) = device.bodies
     local = LocalSizes(np.array([[0.0, 0.0, 0.01]]), np.array([0.002]), np.zeros((0, 3)), np.zeros(0))
     moved = replace(local, points=local.points + 1e-4)
@@ -138,7 +138,7 @@ def test_nobody_writes_into_a_mesh_that_others_use(made, device):
 
 
 def test_solids_of_the_mesh_are_those_of_the_bodies(made):
-    """In their order: volumes of the tetrahedra of each against those of the drawing."""
+    """In the same order: volumes of the tetrahedra of each solid against the drawing."""
     drawn = read_device(DEVICES / "core_and_magnet.toml")
     shape = glue_bodies(drawn)
     mesh = mesh_solids(shape, drawn, 0.5)

@@ -29,3 +29,5 @@ def test_a_mesh_that_cannot_be_made_is_a_geometry_error(monkeypatch):
     assert "loop_and_sphere" in problem.where
     for said in ("Meshing failed!", "refinement 0.3"):
         assert said in problem.received
+    # A fifth larger; that of neighbouring sizes often fails as well.
+    assert "0.36" in problem.remedy

@@ -19,7 +19,7 @@ from fieldmap.iron.topology import build_faces
 from tests.conftest import DEVICES
 
 DEVICE, COARSE = DEVICES / "core_and_magnet.toml", 0.4
-# The last is close to the block, whose turning hardly moves the field elsewhere: 1e-6 of it by degree.
+# The last point is close to the block; elsewhere, turning the block changes the field by only 1e-6 per degree.
 POINTS = np.array([[0.0, 0.001, -0.02], [0.01, 0.003, 0.033], [-0.011, 0.002, 0.025]])
 CURRENTS = (60.0, 20.0)
 QUANTITIES = {"field": FluxDensityAt(POINTS), "gradient": GradientAt(POINTS[1:]), "linkage": FluxLinkage()}
@@ -38,7 +38,7 @@ KEYS = {
     "body.plate.size_mm.2": (10.0, 0.02, "plate", lambda x, v: x * [1, v / 10, 1]),
     "body.plate.position_mm.3": (42.0, 0.02, "plate", lambda x, v: x + [0, 0, 1e-3 * (v - 42)]),
     "body.magnet.position_mm.1": (12.0, 0.02, "magnet", lambda x, v: x + [1e-3 * (v - 12), 0, 0]),
-    # Of its linkage, a difference over a smaller step is noise: it changes by 5e-5 of itself.
+    # The linkage changes by only 5e-5 of itself: a difference over a smaller step is noise.
     "body.block.rotation_deg.3": (0.0, 0.15, "block", turned),
 }
 
@@ -46,8 +46,8 @@ KEYS = {
 @pytest.fixture(autouse=True, scope="module")
 def closed_form_between_all_faces():
     """Beyond three radii the potential between two faces is a sum over points, and a pair that crosses that distance
-    jumps by what the sum is off. Differences over a small step see that as noise, 1e-4 of themselves; these tests take
-    the closed form for all pairs, in solutions and derivatives alike."""
+    jumps by the error of the sum. Differences over a small step see that as noise of 1e-4. These tests take the closed
+    form for all pairs, in solutions and derivatives alike."""
     patch = pytest.MonkeyPatch()
     for module in (charged_faces, by_nodes):
         patch.setattr(module, "NEAR_RADII", 1e3)
@@ -100,7 +100,7 @@ def test_against_differences_of_whole_solves(key, linear_iron, monkeypatch):
     pairs = {
         "field": (ahead.field(POINTS), behind.field(POINTS)),
         "gradient": (ahead.gradient(POINTS[1:]), behind.gradient(POINTS[1:])),
-        # That in air does not follow the bodies.
+        # The linkage in air does not depend on the bodies.
         "linkage": (ahead._iron_linkage, behind._iron_linkage),
     }
     for quantity, (one, other) in pairs.items():
@@ -111,7 +111,7 @@ def test_against_differences_of_whole_solves(key, linear_iron, monkeypatch):
 
 @pytest.mark.parametrize("key", ["body.magnet.position_mm.1", "body.core.radius_mm"])
 def test_taylor(key, monkeypatch):
-    """What is left over after the first order falls with the square of the step."""
+    """The remainder after the first order falls with the square of the step."""
     derivative = found(False, "field")[key]
     left = [
         np.linalg.norm(
@@ -212,7 +212,7 @@ def test_touching_bodies_move_together_or_not_at_all():
 
 
 def test_many_keys_take_one_pass_over_the_pairs(monkeypatch):
-    """And each has the derivative that it has alone, where other faces count as moving."""
+    """Each key has the derivative that it has alone, when other faces count as moving."""
     calls, own = [], by_nodes.mutual_gradient
     monkeypatch.setattr(by_nodes, "mutual_gradient", lambda *args: calls.append(1) or own(*args))
     together = base(True).derivative(QUANTITIES["field"], list(KEYS))
@@ -223,9 +223,9 @@ def test_many_keys_take_one_pass_over_the_pairs(monkeypatch):
 
 
 def test_a_mesh_with_symmetry_has_the_derivatives_of_the_same_without(monkeypatch):
-    """Of a ball that moves against the symmetry, and of a size that keeps it. Of two triangles of one size, which there
-    are many of, rounding decides which gets the outer rule of their pair: whole solves with and without symmetry have
-    differences 5e-5 apart for that reason."""
+    """A ball that moves against the symmetry, and a size that keeps it. For the many pairs of triangles of equal size,
+    rounding decides which triangle gets the outer rule, so whole solves with and without symmetry have differences 5e-5
+    apart."""
     device = WHOLE.replace("[1.0, 0.0,", "[0.0, 0.0,")
     keys, at = ["body.ball.position_mm.1", "body.ring.height_mm"], FluxDensityAt([[0.001, 0.002, -0.006]])
     state = NonlinearSolver(device, 0.7).solve([20.0], tolerance=1e-8)

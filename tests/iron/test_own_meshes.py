@@ -1,4 +1,4 @@
-"""Bodies that are meshes of the user's own: fields, files of gmsh and VTK, regions, what is refused."""
+"""Bodies that are meshes of the user's own: fields, files of gmsh and VTK, regions, refused meshes."""
 
 import random
 import sys
@@ -24,7 +24,7 @@ IRON = {"iron": fm.LinearMaterial("iron", 500.0)}
 COIL = fm.CircularCoil("coil", 0.012, 0.016, 0.006, 200.0).moved([0, 0, 0.004])
 POINTS = np.array([[0.0, 0.0, -0.003], [0.009, 0.001, 0.004], [0.0, 0.02, 0.01]])
 BOX = fm.Body("block", "iron", fm.Box((0.01, 0.012, 0.008)), 0.003, 0.002)
-# Two tetrahedra on one face, a third on it on the same side, and one that touches the first in an edge only.
+# Two tetrahedra share a face, a third lies on it on the same side, and one touches the first in an edge only.
 CORNERS = np.array(
     [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1], [0.1, 0.1, 0.5], [-1, 0, 0], [0, -1, 0]], float
 )
@@ -57,7 +57,7 @@ def box():
 
 @pytest.fixture(scope="module")
 def coarse():
-    """The block of few tetrahedra, for what is refused before it is solved."""
+    """The block of few tetrahedra, for input that is refused before a solve."""
     return generate_mesh(machine(replace(BOX, mesh_size=0.01, edge_size=None)), symmetry="none")
 
 
@@ -113,7 +113,7 @@ def test_two_regions_of_a_file_are_one_piece_of_iron(box):
 
 
 def test_beside_a_shape_moved_turned_and_mirrored(box):
-    """Field, seen from the moved body, and a body that is meshed beside it."""
+    """The field in the frame of the moved body, and the field with a second body beside the mesh."""
     mesh, wanted = box
     shape = fm.VolumeMesh(mesh.points, mesh.tets)
     placement = fm.placed([0.001, 0.002, 0.003], [10, 20, 30])
@@ -172,7 +172,7 @@ def test_ten_nodes_are_taken_by_their_corners(coarse, tmp_path):
 
 @pytest.mark.usefixtures("read_at_once")
 def test_regions_of_a_solved_state(box, tmp_path):
-    """What write_vtu writes is read as a body, by its name too; nodes in one place become one."""
+    """A file of write_vtu is read as a body, also by region name; coincident nodes become one."""
     from fieldmap.plot.vtu import write_vtu
 
     bodies = (BOX, fm.Body("cap", "iron", fm.Box((0.004, 0.004, 0.002)), 0.002).moved([0, 0, 0.008]))
@@ -188,7 +188,7 @@ def test_regions_of_a_solved_state(box, tmp_path):
 
 
 def test_damaged_files_are_told(tmp_path):
-    """Two hundred files with bytes, lines or ends changed: each is a mesh still, or refused with its name."""
+    """Two hundred files with changed bytes, lines or ends: each is still a mesh, or is refused by its name."""
     pytest.importorskip("meshio")
     whole = GMSH.read_bytes()
     (tmp_path / "22.msh").write_bytes(version_22(read_mesh(GMSH)))
@@ -238,7 +238,7 @@ def damaged(rng, data):
 
 @pytest.mark.parametrize("name", ["no.msh", "no.vtu", "no.vtk", "no.unknown"])
 def test_no_mesh_file(name, tmp_path, monkeypatch):
-    """Another process reads the first as well, and lets it pass."""
+    """Another process reads the first file; for the others it is made to find no fault."""
     if not name.endswith(("vtu", "vtk")):
         pytest.importorskip("meshio")
     for data in (b"\0" * 90, b"", b"solid nothing"):
@@ -296,7 +296,7 @@ def test_what_fills_no_solid_is_told(tets, received):
 
 
 def test_pieces_that_overlap_are_told(coarse):
-    """A second block inside the first, and one that cuts it: no face is shared, the volumes tell."""
+    """A second block inside the first, and one that cuts it: no face is shared, only the volumes show it."""
     for shift, scale in (([0.0, 0.0, 0.002], 0.3), ([0.004, 0.003, 0.001], 1.0)):
         points = np.vstack([coarse.points, scale * coarse.points + shift])
         tets = np.vstack([coarse.tets, coarse.tets + len(coarse.points)])

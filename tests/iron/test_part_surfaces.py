@@ -1,4 +1,4 @@
-"""Which part of a body a face lies on: faces of every kind of shape, placed anywhere, whose answer is known."""
+"""Faces on a part of a body: every kind of shape, turned and shifted, with known answers."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ PLACE = placed((0.01, -0.02, 0.03), (20.0, -35.0, 50.0))
 
 
 def found(shape, *faces):
-    """Whether the corners (f, 3) of faces (3, 3), given in the shape's frame, lie on it where it stands."""
+    """Whether the corners (f, 3) of faces (3, 3), given in the shape's frame, lie on the placed shape."""
     local = np.array(faces, float)
     normal = np.cross(local[:, 1] - local[:, 0], local[:, 2] - local[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -63,7 +63,7 @@ def test_a_turned_shape_has_ends_and_curved_faces(shape):
     assert found(shape, higher, lower) == [[True, True, False], [False, False, True]]
     hole = around(0.01, (0, 0.0), (10, 0.01), (0, 0.02))
     assert found(shape, hole) == [ON if bore else OFF]
-    # As far out as the side, and not along the axis.
+    # The corners are as far out as the side, but the face is not parallel to the axis.
     slanted = around(0.02, (0, 0.0), (10, 0.0), (5, 0.001)) - [[0, 0, 0], [0, 0, 0], [9e-4, 0, 0]]
     assert found(shape, slanted) == [OFF]
     end = around(0.015, (0, 0), (90, 0), (200, 0))
@@ -73,7 +73,7 @@ def test_a_turned_shape_has_ends_and_curved_faces(shape):
         out, middle = end + [0, 0, at], end + [0, 0, at]
         out[0, 0], middle[1, :2] = 0.0211, (0.0, 0.0094)
         assert found(shape, out, middle) == [[False, True, True], [True, not bore, True]]
-        # Corners of round edges lie a little off them; of a cylinder one may lie on the axis.
+        # Corners of round edges lie a little off the edge; on the end of a cylinder a corner may lie on the axis.
         out[0, 0], middle[1, :2] = 0.0209, (0.0, 0.0096)
         centre = end + [0, 0, at]
         centre[2, :2] = 0.0

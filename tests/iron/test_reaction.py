@@ -54,7 +54,7 @@ def test_ball(mu_r, within):
     # Away from the ball is down.
     assert force[:, 2, 2] == pytest.approx(-away[0], rel=within)
     assert force[:, 0, 2] == pytest.approx(-away[1], rel=within)
-    # The stated error of the fields is that at dipoles which had no part in their choice.
+    # The stated error of the fields is the error at dipoles that had no part in their choice.
     assert found.error < 5e-3
     assert found.asymmetry < 1e-3
     # Elements of 4 mm, 14 mm from the box.
@@ -79,7 +79,7 @@ def test_size_scales_out():
 
 
 def test_saturating_iron_reacts_like_its_tangent():
-    """Without currents like linear iron of the initial permeability; saturated by its coil less, by what is told."""
+    """Without currents it reacts like linear iron of the initial permeability; saturated by its coil it reacts less."""
     law = Froehlich("iron", 100.0, 1.0)
     solver = fm.iron.NonlinearSolver(ball(law))
     found = solver.reaction_in(BOX, others=[np.array([STRONG])])
@@ -89,5 +89,5 @@ def test_saturating_iron_reacts_like_its_tangent():
     strong = solver.reaction_in(BOX, currents=np.array([STRONG]))
     weaker = own(strong, points)[1][:, 2, 2] / own(found, points)[1][:, 2, 2]
     assert (weaker < 0.99).all()
-    # A stated change is that at any place of the box; these are two.
+    # The stated change is the largest over the box; these are two places.
     assert found.change > 0.9 * (1.0 - weaker).max()

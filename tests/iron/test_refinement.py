@@ -1,4 +1,4 @@
-"""Where the mesh must be finer: dipoles in the workspace, shares of faces and elements, sizes of the next mesh."""
+"""Where the mesh must be finer: dipoles in the workspace, shares of faces and elements, and sizes of the next mesh."""
 
 import tracemalloc
 from dataclasses import replace
@@ -45,7 +45,7 @@ def iron_of(mesh):
 
 @pytest.fixture(scope="module")
 def solved():
-    """Both forms, and both in the field of the dipoles."""
+    """Solutions of both forms, and both forms in the field of the dipoles."""
     machine = electromagnet(IRON)
     properties, iron = body_properties(machine, None), assemble(generate_mesh(machine))
     forms = [form_on(iron, name) for name in ("potential", "flux")]
@@ -64,18 +64,18 @@ def test_field_of_a_dipole():
 
 
 def test_dipoles_stand_at_three_places_near_the_iron_and_far_from_each_other():
-    """Of the nearest third of twelve places on a line, of which the iron lies below the fifth."""
+    """Twelve places on a line, and iron below the fifth: the dipoles stand at three of the nearest four."""
     places = np.column_stack([np.arange(12.0), np.zeros((12, 2))])
     iron = SimpleNamespace(centres=np.array([[4.1, 0.0, -1.0], [4.1, 0.0, -3.0]]))
     found = WorkspaceDipoles.near_iron(places, iron)
-    # 4, 5, 3 and 6 are nearest: first 4, then 6, which is farthest from it, and of 3 and 5 that farther from both.
+    # 4, 5, 3 and 6 are nearest: first 4, then 6, the farthest from it; 3 and 5 are as far from both, and 5 comes first.
     np.testing.assert_array_equal(found.points[:, 0], [4.0, 6.0, 5.0])
     few = WorkspaceDipoles.near_iron(places[:4], iron)
     np.testing.assert_array_equal(few.points[:, 0], [3.0, 1.0, 2.0])
 
 
 def test_dipoles_and_iron_are_reciprocal(solved):
-    """What one dipole's iron does at another is what the other's does at the first."""
+    """The iron in the field of one dipole acts on the other as the iron in the field of the other acts on the first."""
     *_, dual = solved
     for state in dual:
         b = state.faces.field(PLACES, state.density)
@@ -85,7 +85,7 @@ def test_dipoles_and_iron_are_reciprocal(solved):
 
 
 def test_shares_of_the_elements_hold_the_gap_between_the_forms(solved):
-    """The gap of the field at the dipoles' places is the sum of the products, before they lose their signs."""
+    """The gap of the field at the dipoles' places is a signed sum of the products whose sizes are the shares."""
     iron, properties, states, _, dual = solved
     fields = [state.faces.field(PLACES, state.density)[0] for state in states]
     size = np.array([np.abs(fields[0]).max()])
@@ -134,7 +134,7 @@ def quartered(points, cells, parent):
 
 
 def test_neighbours_are_not_looked_for_round_edges():
-    """Of a box every side is a surface of its own."""
+    """Every side of a box is a surface of its own."""
     box = Body("b", "iron", Box((0.02, 0.03, 0.01)), 0.008)
     iron = iron_of(generate_mesh(Device("d", "", (), (box,), {"iron": IRON})))
     normals = iron.surface.normals
@@ -149,7 +149,7 @@ def test_sizes_fall_where_the_shares_are_and_the_mesh_follows():
     machine = electromagnet(IRON, 0.006, 0.006)
     mesh = generate_mesh(machine)
     iron = iron_of(mesh)
-    # All of the error on one side of the disk.
+    # All of the error is on one side of the disk.
     share = np.where(iron.surface.centres[:, 0] > 0.02, iron.surface.areas, 0.0)
     none = np.zeros(len(share))
     shares = FaceShares(none, share / share.sum(), none > 0, np.ones(1))
@@ -202,8 +202,8 @@ def clusters(at_edge=False):
     return iron, np.full(18, at_edge)
 
 
-# Of faces, elements, and layers at edges: the power of the size with which a share falls, the number of pieces of which
-# grows with another, what a layer costs, and by how much one step may change them.
+# Power p of the size in a share, power d of 1 / size in the number of pieces, cost of a piece, and the least and
+# largest factor of the size in one step.
 KINDS = {
     "faces": (2.5, 2.0, 1.0, 0.45, 1.3),
     "elements": (3.0, 3.0, 1.0, 0.45, 1.3),
@@ -215,8 +215,8 @@ KINDS = {
 @pytest.mark.parametrize("reduction", [1.5, 2.5, 9.0])
 @pytest.mark.parametrize("spread", [1.3, 30.0])
 def test_sizes_are_those_of_equal_shares(kind, reduction, spread):
-    """h changes by the (p + d)th root of the common share over its own, so that all together are divided by what was
-    asked for, four at most."""
+    """h changes by the (p + d)th root of the common share over its own share, so that the total falls by the wanted
+    factor, four at most."""
     order, dimension, cost, least, most = KINDS[kind]
     iron, at_edge = clusters(kind == "layers")
     cells, share = iron.mesh.cells, np.repeat([1.0, spread, spread**2], 6)
@@ -254,7 +254,7 @@ def test_layers_are_no_flatter_than_a_fiftieth_of_the_elements():
 
 
 def test_a_mesh_that_is_to_grow_does():
-    """Shares that ask for nothing are lowered together until there are enough faces."""
+    """Where the shares ask for no finer mesh, the common share is lowered until there are enough faces."""
     iron, at_edge = clusters()
     shares = FaceShares(np.zeros(18), np.repeat([1.0, 1.3, 1.69], 6), at_edge, np.ones(1))
     found = [next_sizes(iron, shares, np.zeros(18), 1.0, growth) for growth in (0.5, 1.5, 2.0)]
@@ -265,8 +265,8 @@ def test_a_mesh_that_is_to_grow_does():
 
 
 def test_growth_by_its_powers():
-    """Faces with the square of the size of their elements, tetrahedra with its power of 2.5; a layer adds 2.8 faces and
-    7 tetrahedra to each face along an edge, whose number grows with the size itself."""
+    """The number of faces goes with size^-2, of tetrahedra with size^-2.5. A layer adds 2.8 faces and 7 tetrahedra to
+    each face along an edge, and the number of these faces goes with size^-1."""
     iron, _ = clusters()
     surface, cells = iron.surface, iron.mesh.cells
     at_edge = np.arange(18) < 6
@@ -277,7 +277,7 @@ def test_growth_by_its_powers():
     faces, tets = expected_growth(iron, at_edge, sizes)
     assert faces == pytest.approx((2.0 * (1 + 2.8 * layers) + 0.8**-2 + 1.25**-2) / 3)
     assert tets == pytest.approx((2.0**2.5 + 0.8**-2.5 + 1.25**-2.5 + 2.0 * 7 * layers) / 3)
-    # Layers that are there already cost nothing.
+    # Layers that exist already cost nothing.
     thick = replace(sizes, layers=np.full(6, 1.0))
     assert expected_growth(iron, at_edge, thick)[0] == pytest.approx((2.0 + 0.8**-2 + 1.25**-2) / 3)
 
@@ -308,7 +308,7 @@ def test_a_mesh_grows_about_as_expected(size, thickness, within):
 
 
 def test_faces_near_a_place_err_by_their_own_charge():
-    """A dipole on a coarse face leaves no charge there that has a slope: its share alone is nothing."""
+    """A dipole on a coarse face leaves no charge with a slope there: the product of slopes alone is zero."""
     points, triangles, charge = plate((30.0, 0.0))
     surface = ChargedFaces.from_nodes(points, triangles)
     values = charge(surface.centres)[None]
@@ -317,7 +317,7 @@ def test_faces_near_a_place_err_by_their_own_charge():
     shares = face_indicators(
         surface, triangles, values, none, np.ones(1), np.zeros((1, *values.shape)), place[None]
     )
-    # A slope of 30 T/m over a face of 10 mm: 0.07 T of deviation, half of which is seen from close by; deviations along
+    # A slope of 30 T/m over a face of 10 mm deviates by 0.07 T, and half of it is seen from close by. Deviations along
     # two axes add up to at most sqrt(2) times that.
     seen = 0.5 * 30.0 * 0.01 / np.sqrt(18)
     assert 0.99 * seen < shares.rest[inside] < 1.42 * seen
@@ -329,8 +329,8 @@ def test_faces_near_a_place_err_by_their_own_charge():
 
 
 def test_a_face_at_an_edge_errs_near_by_as_a_singular_charge_does():
-    """Charges without a slope, on a plate whose outline is sharp: r^(-1/3) over a strip deviates from its mean by
-    (1/3)^0.5 of it, and a half of that is told in a place above its middle; inner faces have no error."""
+    """Charges without a slope on a plate with sharp edges: r^(-1/3) over a strip deviates from its mean by (1/3)^0.5 of
+    the mean, and half of that is seen above its middle. Inner faces have no error."""
     points, triangles, _ = plate((0.0, 0.0))
     surface = ChargedFaces.from_nodes(points, triangles)
     values, size = np.full((2, len(triangles)), [[0.5], [-2.0]]), np.array([1.0, 8.0])
@@ -341,14 +341,14 @@ def test_a_face_at_an_edge_errs_near_by_as_a_singular_charge_does():
     shares = face_indicators(surface, triangles, values, 0 * values[:1], size, none, places)
     assert shares.rest[edge] == pytest.approx(0.5 * 3**-0.5 * 0.5, rel=0.01)
     assert shares.rest[inside] == pytest.approx(0.0, abs=1e-12)
-    # Of each source the place with the largest sum.
+    # For each source the place with the largest sum counts.
     near = near_kernels(surface, places)
     expected = 0.58 * np.array([0.5, 0.25]) * (near * shares.at_edge).sum(axis=1).max()
     assert shares.totals == pytest.approx(expected, rel=1e-9)
 
 
 def test_layers_at_edges_are_as_asked():
-    """At one place of a disk's rim thin, elsewhere none."""
+    """Layers are thin at one place of a disk's rim, and unlimited elsewhere."""
     machine = electromagnet(IRON, 0.008, 0.008)
     places = np.array([[0.03, 0.0, 0.0], [-0.03, 0.0, 0.0]])
     sizes = LocalSizes(places, np.full(2, 0.008), places, np.array([0.0003, 1.0]))
@@ -360,7 +360,7 @@ def test_layers_at_edges_are_as_asked():
 
 
 def test_memory_of_the_dense_factor_is_what_is_predicted():
-    """13 bytes a pair while it is made, 16 predicted."""
+    """Making the factor takes 13 bytes a pair; 16 are predicted."""
     count = 1500
     x = np.linspace(0, 1, count)
     matrix = 1 / (1e-2 + np.abs(x[:, None] - x))

@@ -35,8 +35,8 @@ def plane(origin, normal, bodies=(), half_widths=None):
 
 @pytest.fixture(scope="module")
 def blocks():
-    """Two blocks that touch in the plane z = 20 mm, one on each side of a step there, and a ball apart; the same field
-    in all and in the air."""
+    """Two blocks that touch in the plane z = 20 mm, two bars that overlap in the plane z = 15 mm, and a ball; the same
+    field in all bodies and in the air."""
     bodies = (
         fm.Body("low", "iron", (fm.Part(fm.Box((0.03, 0.02, 0.02))),), 0.006),
         fm.Body("high", "iron", (fm.Part(fm.Box((0.03, 0.02, 0.01)), at(0, 0, 0.02)),), 0.004),
@@ -64,7 +64,7 @@ TILTED = np.array([1.0, 2.0, 2.0]) / 3
         (plane([0, 0, 0.01], [0, 0, 1], ("low",), [0.004, 0.003, 1]), 4.8e-5),
         # Half of the window lies beside the block.
         (plane([0.015, 0, 0.01], [0, 0, 1], ("low",), [0.004, 0.003, 1]), 2.4e-5),
-        # z = 2 (y, z): in the plane x + 2 y + 2 z = const through the middle, over |x|, |y| < 4, 3 mm.
+        # The window is |x| < 4 mm, |y| < 3 mm; the plane's area is its projection over n_z = 2/3.
         (plane([0, 0, 0.01], TILTED, ("low",), [0.004, 0.003, 1]), 4.8e-5 * 1.5),
         # The common face of the blocks, the top and the bottom belong to the section from either side.
         (plane([0, 0, 0.02], [0, 0, 1], ("low",)), 6e-4),
@@ -72,16 +72,16 @@ TILTED = np.array([1.0, 2.0, 2.0]) / 3
         (plane([0, 0, 0.02], [0, 0, 1], ("low", "high")), 6e-4),
         (plane([0, 0, 0.03], [0, 0, 1]), 6e-4),
         (plane([0, 0, 0.0], [0, 0, 1], ("low",)), 6e-4),
-        # The lower of two bars goes on to the left of their contact, the upper to the right; the contact counts.
+        # Two bars overlap over a third of their length: the section of both is the area of contact.
         (plane([-0.09, 0, 0.015], [0, 0, 1], ("under", "over")), 2e-4),
         (plane([-0.09, 0, 0.015], [0, 0, -3], ("under", "over")), 2e-4),
         (plane([-0.09, 0, 0.015], [0, 0, 1], ("under",)), 6e-4),
-        # Bars that are cut along the plane of a side.
+        # The plane cuts the lower bar; the side of the upper bar that lies in the plane does not count.
         (plane([-0.095, 0, 0], [1, 0, 0], ("under", "over")), 2e-4),
     ],
 )
 def test_area_and_uniform_field(blocks, section, area):
-    """To rounding: the plane's area in the blocks, and that times the normal field."""
+    """To rounding: the plane's area in the blocks, and the area times the normal field."""
     found = blocks(section)
     assert found.area == pytest.approx(area, rel=1e-9)
     normal = section.normal / np.linalg.norm(section.normal)
@@ -96,14 +96,14 @@ def test_discs_of_a_ball(blocks, height):
 
 
 def test_areas_of_triangles_above_a_plane():
-    """Of corner heights of every sign: what is cut off goes with the product of the shares of two sides."""
+    """Corner heights of every sign: the tip that is cut off has the product of the shares of its two sides."""
     triangle = np.array([[0.0, 0, 0], [4, 0, 0], [0, 3, 0]])
     cases = {
         (1.0, 2.0, 3.0): 6.0,
         (0.0, 0.0, 1.0): 6.0,
         (-1.0, -2.0, -3.0): 0.0,
         (0.0, -1.0, -1.0): 0.0,
-        # The tip of 1 over 1 + 3 and over 1 + 1 of its sides, and the rest where it lies below.
+        # The tip takes 1 / (1 + 3) and 1 / (1 + 1) of two sides; the rest counts where the tip lies below.
         (1.0, -3.0, -1.0): 6.0 / 4 / 2,
         (-1.0, 3.0, 1.0): 6.0 * (1 - 1 / 4 / 2),
         (-3.0, 1.0, -1.0): 6.0 / 4 / 2,
@@ -115,7 +115,7 @@ def test_areas_of_triangles_above_a_plane():
 
 
 def test_parts_of_triangles_within_a_plane_have_these_areas():
-    """In barycentric coordinates of one element: areas, and nothing outside."""
+    """In barycentric coordinates of one element: the areas, and nothing outside the plane."""
     rng = np.random.default_rng(3)
     corners, margin = np.eye(4)[None, :3] * np.ones((200, 1, 1)), rng.normal(size=(200, 3))
     places = np.array([[0.0, 0, 0], [4, 0, 0], [0, 3, 0], [0, 0, 1]])
@@ -129,8 +129,8 @@ def test_parts_of_triangles_within_a_plane_have_these_areas():
 
 
 def test_the_error_of_elements_is_their_distance_from_the_means_about_nodes():
-    """Two tetrahedra share a face, with B 1 and 3 along x: its nodes' mean is (V 1 + W 3) / (V + W). A third body
-    apart has none."""
+    """Two tetrahedra of volumes V and W share a face, with B 1 and 3 along x: the mean at its nodes is (V 1 + W 3) / (V
+    + W). A separate tetrahedron has no error."""
     points = np.array(
         [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -2], [5, 5, 5], [6, 5, 5], [5, 6, 5], [5, 5, 6]]
     )
@@ -185,8 +185,8 @@ def test_sphere():
 
 
 def test_long_bar():
-    """B = mu_r B0 / (1 + N (mu_r - 1)) in the middle; N of the two charged square ends, their solid angle over 2 pi,
-    which holds for weakly magnetic bars."""
+    """B = mu_r B0 / (1 + N (mu_r - 1)) in the middle. For weakly magnetic bars N is the solid angle of one charged
+    square end over 2 pi."""
     half, distance = 0.005, 0.1
     box = fm.Box((2 * half, 2 * half, 2 * distance))
     solved = solved_in([0, 0, 0.5], fm.Body("b", "iron", box, 0.006).moved([0, 0, -distance]), 3.0)
@@ -205,7 +205,7 @@ def test_the_field_inside_elements_has_their_mean():
         for p, w in zip(points, weights, strict=True)
     )
     assert mean == pytest.approx(state.flux_density, rel=1e-9, abs=1e-12)
-    # ... and makes div B = 0 in the mean: what enters through one plane leaves through the next and the mantle.
+    # The volume integral of B has no component across the applied field, which lies in the xz plane.
     assert volumes(mesh.points, mesh.tets) @ state.flux_density[0] @ [0, 1, 0] == pytest.approx(0, abs=1e-9)
 
 
@@ -233,8 +233,8 @@ def toroid_mean(law, current):
 
 @pytest.mark.parametrize("form", ["potential", "flux"])
 def test_linear_ring(form):
-    """The meshed ring is a polygon, a little thinner here than there. Each form keeps what it conserves: the
-    potential form the field along the ring, hence B; the flux form the flux."""
+    """The section of the meshed ring varies a little, as the ring is a polygon. The potential form conserves the field
+    along the ring, hence B; the flux form conserves the flux."""
     device = toroid(fm.LinearMaterial("iron", 2000.0), 0.0035, CUTS)
     unit = fm.solve_linear(device, form=form)
     exact = toroid_mean(lambda h: 2000.0 * h, 0.3)
@@ -253,7 +253,7 @@ def test_linear_ring(form):
 
 @pytest.mark.parametrize("current", [0.45, 0.7, 3.0])
 def test_saturating_ring(current):
-    """On the rising part of the permeability, at its top, and in saturation."""
+    """At rising permeability, at its maximum, and in saturation."""
     device = toroid(FOOT, 0.0035, CUTS)
     state = fm.solve(device, np.full(6, current))
     tables = law_tables([FOOT])
@@ -270,7 +270,7 @@ def test_saturating_ring(current):
 
 
 def test_flux_splits_at_a_joint():
-    """A three-legged core: what the middle leg carries is the sum of both outer legs, up to what leaks through air."""
+    """A three-legged core: the middle leg carries the sum of both outer legs, up to leakage through air."""
     leg = 0.01
     bars = [fm.Part(fm.Box((0.05, leg, leg)), at(0, 0, z)) for z in (0.0, 0.03)]
     legs = [fm.Part(fm.Box((leg, leg, 0.02)), at(x, 0, leg)) for x in (-0.02, 0.0, 0.02)]
@@ -312,23 +312,23 @@ WALL = [0.0016, 0.02, 0.0016]
     ],
 )
 def test_flux_at_an_inner_corner(thin_frame, corner, beside):
-    """A cut that begins in an inner corner passes the flux of a cut a centimetre further on, but for one or two per
-    cent that leave the wall between: as much as in the flux form, whose B has no divergence. B of the potential form,
-    integrated over this cut, gives a fifth less."""
+    """A cut at an inner corner passes the flux of a cut 10 mm further on, less one or two per cent that leave the wall
+    between. The flux form, whose B has no divergence, gives the same ratio; B of the potential form, integrated over
+    this cut, would give a fifth less."""
     found = {
         form: [state.section_flux(one) for one in (corner, beside)] for form, state in thin_frame.items()
     }
     ratio = {form: here.flux / there.flux for form, (here, there) in found.items()}
     assert ratio["potential"] == pytest.approx(1, abs=0.02)
     assert ratio["potential"] == pytest.approx(ratio["flux"], abs=2e-3)
-    # The forms err to opposite sides; both state an error that holds their difference, and no more than 3 %.
+    # The forms err to opposite sides; both state an error that covers their difference, and 3 % at most.
     for one, other in zip(*found.values(), strict=True):
         assert one.area == pytest.approx(9e-5)
         assert abs(one.flux - other.flux) < min(one.error, other.error) < 0.03 * one.flux
 
 
 def test_a_section_that_ends_within_the_iron(thin_frame):
-    """Half of a wall carries half, by symmetry; its border is in the iron, and the stated error is larger."""
+    """By symmetry half of a wall carries half. Its border is in the iron, so that the stated error is larger."""
     whole = plane([-0.0185, 0, 0.02], [0, 0, 1], (), WALL)
     half = plane([-0.0185, 0.0075, 0.02], [0, 0, 1], (), [0.002, 0.0075, 0.001])
     all_of, part = (thin_frame["potential"].section_flux(one) for one in (whole, half))

@@ -40,7 +40,7 @@ def lowest_size(field):
 
 
 def test_slopes_of_a_function_of_nothing():
-    """Of a field that is zero, where no share of the largest value is a step; the sine has the slope 1 there."""
+    """At zero field no share of the largest value can be a step; the sine has the slope 1 there."""
     samples = Samples(np.zeros((1, 3)), np.zeros((1, 3, 3)), np.zeros(1), ("coil",))
 
     class Sines(FluxDensityAt):
@@ -64,7 +64,7 @@ QUANTITIES = {
 
 
 def numbers(state):
-    """The same quantities, asked of a state by its own methods."""
+    """The same quantities by the state's own methods."""
     gradient = state.gradient(POINTS[0])
     return {
         "field": state.field(POINTS),
@@ -74,9 +74,9 @@ def numbers(state):
     }
 
 
-# Currents at which the core is far in saturation, and at which it is not; and iron that is solved as linear.
+# The core is far in saturation, below saturation, or linear.
 CASES = {"saturated": (60.0, 20.0), "unsaturated": (10.0, 4.0), "linear": (60.0, 20.0)}
-# Step of the difference, and the value in the text of the file.
+# Key: step of the difference, and the value in the device file.
 KEYS = {
     "current.around": (0.05, None),
     "current.*": (0.02, None),
@@ -126,7 +126,7 @@ def found(case, name):
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("key", KEYS)
 def test_against_differences_of_whole_solves(case, key):
-    """All quantities of the field, within 1e-4 of its size; and what the solves themselves are off by."""
+    """All quantities of the field agree within 1e-4 of the largest difference and the rounding of the solves."""
     if case == "linear" and key in ONLY_SATURATING:
         pytest.skip("linear iron has its initial permeability")
     step, _ = KEYS[key]
@@ -135,7 +135,7 @@ def test_against_differences_of_whole_solves(case, key):
         difference = (ahead[name] - behind[name]) / (2 * step)
         derivative = found(case, name)[key]
         assert derivative.shape == difference.shape
-        # Rounding moves what two solves give by up to 1.2e-11 of it (seen at mu_r of the soft body, saturated).
+        # Rounding moves two solves by up to 1.2e-11 of their size (seen at mu_r of the soft body, saturated).
         size, noise = np.abs(difference).max(), 2e-11 * np.abs(ahead[name]).max() / step
         assert noise < 0.01 * size
         assert np.abs(derivative - difference).max() <= 1e-4 * size + noise, name
@@ -164,8 +164,8 @@ PLACES = {"a": (20.0, 10, 0.0, 3.0), "b": (30.0, 4, 8.0, -2.0), "c": (15.0, 7, -
 
 
 def linkages(field, loops):
-    """Of thin coaxial loops: Maxwell's formula of two, Treatise, art. 701, and that of a ring of square section, whose
-    geometric mean distance is 0.4470 of its side; in a uniform field along the axis."""
+    """Flux linkages of thin coaxial loops in a uniform axial field: Maxwell's mutual inductance, Treatise, art. 701,
+    and the self-inductance of a ring of square section with the geometric mean distance 0.4470 of its side."""
     loops = [(1e-3 * radius, turns, 1e-3 * z, current) for radius, turns, z, current in loops.values()]
 
     def mutual(one, other):
@@ -205,7 +205,7 @@ def test_flux_linkages_of_loops_in_air(key, changed):
     for name, (radius, turns, z, _) in PLACES.items():
         text += LOOP.format(name=name, radius="wide" if name == "b" else radius, turns=turns, z=z)
     if "*" in key:
-        # All at one height: they move together, which changes nothing.
+        # All loops at one height move together, which changes nothing.
         for _, _, z, _ in PLACES.values():
             text = text.replace(f"[0, 0, {z}]", "[0, 0, 4]")
     alone = state_of_loops(text)
@@ -222,9 +222,9 @@ def test_flux_linkages_of_loops_in_air(key, changed):
 
 
 def test_linkage_of_a_coil_that_moves_beside_iron_is_its_force():
-    """Of one coil and linear iron the energy is half of current times linkage: at a constant current its derivatives by
-    place and angle are force and torque, which are the field's on the winding: within 0.4 % on this mesh, 2 to 3 % on
-    one of the device's own sizes."""
+    """For one coil and linear iron the energy is half of current times linkage. Its derivatives by place and angle at
+    constant current are the force and torque of the field on the winding: within 0.4 % on this mesh, 2 to 3 % on a mesh
+    of the device's own sizes."""
     bar = fm.Body("bar", "iron", fm.Box((8e-3, 10e-3, 30e-3)), 5e-3)
     place = fm.placed((4e-3, 14e-3, 36e-3), (20.0, 0.0, 0.0))
     coil = fm.CircularCoil("coil", 8e-3, 10e-3, 6e-3, 300, placement=place)
@@ -243,7 +243,7 @@ def test_linkage_of_a_coil_that_moves_beside_iron_is_its_force():
 
 @pytest.mark.parametrize("key", ["coil.around.turns", "material.iron.saturation_polarisation_T"])
 def test_flux_linkages(key):
-    """In saturated iron; the linkage in air, which nothing here is to test, is known to 1e-4 only."""
+    """In saturated iron. The linkage in air, which is not tested here, is known to 1e-4 only."""
     derivative = base("saturated").derivative(FluxLinkage(), [key])[key]
     step, _ = KEYS[key]
     ahead, behind = (shifted("saturated", key, side * step).flux_linkage() for side in (1, -1))
@@ -254,7 +254,7 @@ def test_flux_linkages(key):
 @pytest.mark.parametrize("case", ["saturated", "linear"])
 @pytest.mark.parametrize("key", ["current.around", "material.iron.mu_r", "coil.beside.position_mm.1"])
 def test_taylor(case, key):
-    """What is left over after the first order falls with the square of the step."""
+    """The remainder after the first order falls with the square of the step."""
     steps = {"current.around": 8.0, "material.iron.mu_r": 400.0, "coil.beside.position_mm.1": 1.0}[key]
     steps = steps * np.array([1.0, 0.5, 0.25])
     here = numbers(base(case))["force"]
@@ -276,7 +276,7 @@ def test_values_are_those_of_the_state_at_one_solve_for_each_number():
 
 
 def test_the_iron_matters_to_every_key():
-    """Not the field of the coils alone: without the iron the derivatives are others, by a hundredth at least."""
+    """Without the iron, by the coils alone, the derivatives differ by a hundredth at least."""
     device = fm.read_device(DEVICE).replace(bodies=(), materials={})
     alone = fm.solve_linear(device).at(CASES["saturated"])
     keys = [key for key in KEYS if key.startswith(("current", "coil", "background"))]
@@ -300,7 +300,7 @@ def test_the_iron_of_another_solver_is_made_anew():
 
 
 def test_symmetric_meshes():
-    """The mirror planes of the iron, which the coils' currents break."""
+    """Meshes with and without the mirror planes of the iron; the displaced coil breaks one of the planes."""
     device = fm.read_device("loop_and_sphere")
     with_planes, without = (
         NonlinearSolver(device, 0.6, symmetry=symmetry).solve([1.5], tolerance=1e-7)
@@ -353,7 +353,7 @@ def test_keys_that_cannot_be_followed(key):
 
 
 def test_a_parameter_whose_expressions_are_written_out():
-    """The text of a device that includes others has numbers in their place: no derivative of 0 is told."""
+    """A device with included files has numbers in place of expressions: the key is refused, not taken as 0."""
     with pytest.raises(InputError) as caught:
         Parameters(fm.read_device("drive_unit")).change("parameters.disk")
     assert caught.value.problems[0].where == "derivative, parameters.disk"
@@ -376,8 +376,8 @@ def test_states_without_their_equations():
 
 
 def test_spread_against_whole_solves_with_random_numbers():
-    """The standard deviation of the force to first order, against that of 200 machines drawn at random: within three
-    times what so few say, 1/sqrt(400). Coils in a uniform background, which has no gradient."""
+    """The standard deviation of the force to first order against 200 random machines, within three times the sampling
+    error 1/sqrt(400). The coils are in a uniform background, which has no gradient and so no share."""
     device = fm.read_device(DEVICE).replace(bodies=(), materials={}).to_toml()
     deviations = {
         "coil.around.turns": 2.0,

@@ -1,4 +1,4 @@
-"""Solves that share what devices with the same iron have in common give the bits of solves that share nothing."""
+"""Solves that share the parts of equal iron give the bits of solves that share nothing."""
 
 import magpylib
 import numpy as np
@@ -61,7 +61,7 @@ name = "hall"
 position_mm = [3.0, 0.0, -14.0]
 axis = [0.0, 0.0, 1.0]
 """
-# Each with what it leaves to be made anew: operators of the iron, the solution, the reaction, the sensors' answers.
+# Key: another value, and the steps that must run again: iron operators, solution, reaction, the sensors' answers.
 CHANGES = {
     "body.bar.size_mm.1": (11.0, "assemble solved_in_form reaction_fields answers_to_sensors"),
     "body.magnet.position_mm.1": (21.0, "assemble solved_in_form reaction_fields answers_to_sensors"),

@@ -1,4 +1,4 @@
-"""The public door: shipped devices, superposition, limits, derivative and refused input."""
+"""`solve_linear`: shipped devices, superposition, limits, derivative and refused input."""
 
 import magpylib
 import numpy as np
@@ -28,7 +28,7 @@ def solution():
 
 
 def test_shipped_loop_and_sphere_against_its_closed_form():
-    """The first minute of use: the references of the file are the Legendre series of the exact solution."""
+    """The shipped first example: the references of its file are the Legendre series of the exact solution."""
     device = fm.read_device("loop_and_sphere")
     unit = fm.solve_linear(device)
     assert len(device.references) >= 4
@@ -75,16 +75,16 @@ def test_permeability_one_is_the_coil_alone():
 
 
 def test_twice_the_size_is_half_the_field(solution):
-    """B of a coil of given ampere-turns falls with the inverse of the scale, iron included."""
+    """At given ampere-turns B falls with the inverse of the scale, iron included."""
     large = fm.solve_linear(block_and_coil(scale=2.0))
     assert 2 * large.field(2 * BELOW, [1.0]) == pytest.approx(solution.field(BELOW, [1.0]), rel=1e-3)
 
 
 def test_flux_density_inside_is_continuous_with_outside():
-    """The normal component of B passes the surface of the iron; at mu_r = 500 it is nearly the whole field outside.
-    In the flux form that holds element by element."""
+    """The normal component of B is continuous at the surface of the iron; at mu_r = 500 it is nearly the whole field
+    outside. In the flux form that holds element by element."""
     solution = fm.solve_linear(block_and_coil(), form="flux")
-    # Beside the block's mirror planes, where elements that touch the surface at a corner only meet.
+    # The place avoids the block's mirror planes, where elements meet that touch the surface at a corner only.
     place = np.array([[0.001, 0.0005, 0.0098]])
     element = solution.mesh.containing(place)
     corners = solution.mesh.points[solution.mesh.tets[element[0]]]
@@ -109,7 +109,7 @@ def test_both_in_one_pass_are_those_one_by_one(solution, points):
 
 
 def test_elements_are_those_of_the_mesh_that_is_asked():
-    """Two meshes at once, each asked twice: what is known of one says nothing about the other."""
+    """Two meshes at once, each asked twice: the stored search of one does not answer for the other."""
     corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     inner = np.array([[0.1, 0.2, 0.3]])
     meshes = [

@@ -61,7 +61,7 @@ def test_without_metis_on_windows_the_order_is_of_minimum_degree(matrix, monkeyp
     order = nested_dissection(matrix)
     assert (np.sort(order) == np.arange(matrix.shape[0])).all()
     elimination = Elimination.of(matrix)
-    # A wrong direction of the order, or none, takes several times as many numbers.
+    # A reversed order, or none, takes several times as many numbers.
     assert elimination.panel_start[-1] <= 1.5 * fill
     right = np.random.default_rng(1).random(matrix.shape[0])
     assert matrix @ elimination.factor(matrix.data).solve(right) == pytest.approx(right, rel=1e-10)
@@ -76,8 +76,8 @@ def test_the_units_of_a_matrix_do_not_matter(scale):
 
 
 def test_the_factor_is_sparse():
-    """Of n^3 nodes about n^4 numbers (A. George, SIAM J. Numer. Anal. 10 (1973) 345, in three dimensions), and not many
-    more than another program's factor in order of minimum degree: zeros that join supernodes are stored too."""
+    """A grid of n^3 nodes takes about n^4 numbers (A. George, SIAM J. Numer. Anal. 10 (1973) 345, in three dimensions),
+    and not many more than SuperLU in minimum-degree order: zeros that join supernodes are stored too."""
     numbers = [Elimination.of(laplacian(n)).factor(laplacian(n).data).bytes / 8 for n in (8, 16)]
     assert np.log2(numbers[1] / numbers[0]) == pytest.approx(4.0, abs=0.6)
     other = splu(laplacian(16).tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
@@ -93,7 +93,7 @@ def test_a_matrix_that_is_not_positive_is_refused():
 
 @pytest.mark.parametrize("apart", [1.0, 1e-10])
 def test_a_rough_factor_is_in_single_precision_where_that_can_tell_the_matrix_from_a_singular_one(apart):
-    """Two unknowns of every element that differ by a share `apart`: at 1e-10 only doubles see that it is positive."""
+    """Each element couples two unknowns with determinant `apart`: at 1e-10 only doubles see that it is positive."""
     unknowns = np.arange(12).reshape(6, 2)
     sums = ElementSums(unknowns, 12)
     entries = sums.entries(np.tile([[1.0 + apart, 1.0], [1.0, 1.0]], (6, 1, 1)))
@@ -131,7 +131,7 @@ def form():
 
 
 def test_inward_flux_against_the_saddle_point(form):
-    """N^-1 m, N = M K^-1 M^T: the stiffness and the face means as one dense system, which is not definite."""
+    """N^-1 m, N = M K^-1 M^T, against one dense indefinite system of the stiffness and the face means."""
     exterior, elements = form.exterior, form.elements
     mean = elements.face_mean.toarray()
     stiffness = vacuum_stiffness(form)
@@ -144,7 +144,7 @@ def test_inward_flux_against_the_saddle_point(form):
 
 
 def vacuum_stiffness(form):
-    """int grad N_i . grad N_j dV, written out: the gradients are linear, so that a rule of four points is exact."""
+    """int grad N_i . grad N_j dV, written out: the gradients are linear, so a rule of four points is exact."""
     elements = form.elements
     a, b = (5 - np.sqrt(5)) / 20, (5 + 3 * np.sqrt(5)) / 20
     pairs = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
@@ -176,7 +176,7 @@ def test_air_takes_energy_from_smooth_potentials(form):
 
 
 def test_the_rough_air_is_the_air_to_three_digits(form):
-    """What preconditions: in single precision, and symmetric."""
+    """The rough operator is a preconditioner in single precision, and symmetric."""
     exterior = form.exterior
     one, other = np.random.default_rng(5).standard_normal((2, form.elements.count, 1))
     exact, rough = exterior.apply(one), exterior.apply_roughly(one)
@@ -195,5 +195,5 @@ def test_the_order_of_the_points_or_faces_fills_as_little_as_that_of_all_unknown
     assert (np.sort(order) == np.arange(elements.count)).all()
     by_parts, whole = Elimination.of(sums.pattern, order), Elimination.of(sums.pattern)
     assert by_parts.panel_start[-1] < 1.15 * whole.panel_start[-1]
-    # Reversed, it would not do: the bound means something.
+    # The reversed order fills far more, so the bound above is a real one.
     assert Elimination.of(sums.pattern, order[::-1]).panel_start[-1] > 1.5 * whole.panel_start[-1]

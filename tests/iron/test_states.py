@@ -114,7 +114,7 @@ def test_progress_rises_to_the_whole(make):
 
 def test_saturating_iron_at_rest_follows_currents_as_linear_iron_does():
     """Without any field the law is its initial slope: derivatives by currents are the solution of linear iron, and
-    nothing is stored or linked."""
+    stored energy and linkage are zero."""
     steel = fm.Froehlich("iron", 500.0, 2.0)
     solver, unit = (
         NonlinearSolver(core_and_coils(steel), 0.6),

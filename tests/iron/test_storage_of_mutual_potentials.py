@@ -1,4 +1,4 @@
-"""How W is stored must not show in the result: compression forced on a small mesh, by the public doors."""
+"""The storage of W must not show in the result: compression is forced on a small mesh, by the public functions."""
 
 import numpy as np
 import pytest
@@ -26,10 +26,10 @@ def saturating():
     [
         (12_000, 1, None, "dense"),
         (12_001, 1, None, "compressed"),
-        # The work of the blocks of a symmetry falls with the square of its order.
+        # The work for the blocks of a symmetry falls with the square of its order.
         (24_000, 4, None, "dense"),
         (24_001, 4, None, "compressed"),
-        # 16 bytes a pair, in as many blocks as there are operations.
+        # The matrix takes 16 bytes a pair, divided by the number of operations.
         (10_000, 1, 1.61e9, "dense"),
         (10_000, 1, 1.60e9, "compressed"),
         (20_000, 4, 1.61e9, "dense"),
@@ -50,13 +50,13 @@ def test_what_does_not_fit_is_told_before_it_is_made(monkeypatch):
     monkeypatch.setattr(assembled, "memory_bytes", lambda: 1.001 * needed)
     assert assembled.fits_into_memory(mesh)
     assert assembled.assemble(mesh).mutual.storage == "dense"
-    # Compressed, it needs more than that.
+    # Compressed storage of so few faces needs more than that.
     monkeypatch.setattr(assembled, "memory_bytes", lambda: needed)
     assert not assembled.fits_into_memory(mesh)
     with pytest.raises(InputError) as caught:
         assembled.assemble(mesh)
     assert caught.value.problems[0].received.startswith(f"{faces} surface faces, ")
-    # Mirrored four times a quarter of it is enough.
+    # With four operations a quarter of the memory is enough.
     quarter = generate_mesh(saturating(), 0.5, symmetry="auto")
     count = len(assembled.build_faces(quarter.points, quarter.tets).surface)
     assert quarter.symmetry.group.order == 4

@@ -31,7 +31,7 @@ def loop_field(z):
     return flux, -3 * z / (LOOP**2 + z**2) * flux
 
 
-# Moment of the ball, H = H0 - M / 3, per ampere.
+# Moment of the ball per ampere; inside, H = H0 - M / 3.
 MOMENT = 4 * np.pi * BALL**3 * (MU_R - 1) / (MU_R + 2) * loop_field(HEIGHT)[0] / mu_0
 INSIDE = 3 * MU_R / (MU_R + 2) * loop_field(HEIGHT)[0]
 
@@ -81,7 +81,7 @@ def test_numbers_of_a_linear_solution(device, solution):
     assert equator.area == pytest.approx(np.pi * BALL**2, rel=0.02)
     assert equator.flux == pytest.approx(3 * INSIDE * equator.area, rel=0.01)
     assert equator.flux_density == pytest.approx(3 * INSIDE, rel=0.01)
-    # F = m dB/dz of the loop's field, with m and B both three times those of 1 A; the loop is pushed as hard back.
+    # F = m dB/dz of the loop's field, with m and B both three times those of 1 A; the force on the loop is opposite.
     ball, loop, both = summary.forces
     pull = 9 * MOMENT * loop_field(HEIGHT)[1]
     assert ball.names == ("ball",)
@@ -103,7 +103,7 @@ def test_flux_density_in_a_body(solution):
 
 def test_known_values_that_hold_are_compared(device, solution):
     at_one, at_two, other_iron = compare_references(device, solution, np.array([5.0]))
-    # A linear solution is compared at the currents of the value, not at those given.
+    # A linear solution is compared at the currents of the reference value, not at the given currents.
     for row in (at_one, at_two):
         assert row.deviation == pytest.approx(row.ours / row.reference - 1, rel=1e-12)
         assert abs(row.deviation) < 3e-3

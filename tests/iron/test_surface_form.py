@@ -104,7 +104,7 @@ def test_coated_sphere_of_two_materials():
 
 
 def field_of_two_spheres(points, multipoles, distance):
-    """Differences of the potential over 2e-6 of the radius, which are right to some 1e-9."""
+    """B (n, 3) by differences of the potential over 2e-6 of the radius, right to some 1e-9."""
 
     def potential(x):
         value = -x[:, 2]
@@ -247,8 +247,8 @@ def test_triangles_that_the_mesher_turns_inwards_are_turned_back(monkeypatch):
 
 
 def test_shadow_of_a_disk_half_a_millimetre_from_a_winding():
-    """Behind the disk, its field cancels all but a twentieth of the coil's, of which the errors are told: 4 % with the
-    coil's potential at the corners of triangles alone."""
+    """Behind the disk its field cancels all but a twentieth of the coil's field. The error is a share of the coil's
+    field; it is 4 % with the coil's potential at the corners of triangles alone."""
     body = fm.Body("disk", "iron", (fm.Part(fm.Cylinder(0.066, 0.006)),), 0.011, 0.001)
     at = fm.Placement(np.array([0.0, 0.0, 0.026]), np.eye(3))
     coil = fm.CircularCoil("coil", 0.011, 0.021, 0.039, 840.0, placement=at)
@@ -261,7 +261,7 @@ def test_shadow_of_a_disk_half_a_millimetre_from_a_winding():
 
 @pytest.mark.parametrize("level", [-0.7, -0.2, 0.0, 0.5, 0.9])
 def test_what_a_plane_cuts_out_of_a_closed_surface(level):
-    """A regular octahedron of half-diagonal 1, turned: its section square to a diagonal has the area 2 (1 - h)^2."""
+    """A turned regular octahedron of half-diagonal 1: its section normal to a diagonal has the area 2 (1 - h)^2."""
     turn, _ = np.linalg.qr(np.random.default_rng(7).standard_normal((3, 3)))
     axes = np.vstack([np.eye(3), -np.eye(3)])
     faces = np.array([[i, j, k] for i in (0, 3) for j in (1, 4) for k in (2, 5)])
@@ -272,7 +272,7 @@ def test_what_a_plane_cuts_out_of_a_closed_surface(level):
     height = (corners - 5.0) @ turn[:, 2] - level
     assert _enclosed_area(corners, height, turn[:, 2]) == pytest.approx(2 * (1 - abs(level)) ** 2, rel=1e-9)
     assert _enclosed_area(corners, -height, -turn[:, 2]) == pytest.approx(2 * (1 - abs(level)) ** 2, rel=1e-9)
-    # The flux of a uniform field through it is that through the surface on either side.
+    # The flux of a uniform field through the section equals the flux through the surface on either side.
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / np.sqrt(3)
     flux = areas_above(corners, height) @ (normal @ turn[:, 2])
     assert flux == pytest.approx(2 * (1 - abs(level)) ** 2, rel=1e-9)
@@ -308,13 +308,13 @@ def turns_around(state):
 
 
 def test_closed_circuit_obeys_ampere(closed):
-    """Round the window through the iron, the total H runs up to the coil's ampere-turns, of which it has two ends."""
+    """Around the window, through the iron, the total H integrates to the coil's ampere-turns."""
     assert turns_around(closed["surface"].at([1.0])) == pytest.approx(100.0, rel=1e-3)
 
 
 def test_closed_circuit_of_two_materials_obeys_ampere():
-    """Halves of a window of two permeabilities: what a half knows of its faces towards the air does not hold of those
-    that it shares with the other."""
+    """A window of two halves of different permeability: what holds at faces towards the air does not hold at the faces
+    that the halves share."""
     one = window(300.0)
     (whole,) = one.bodies
     away = [
@@ -344,7 +344,7 @@ def test_closed_circuit_beside_the_potential_form(closed):
     both = fm.Section("both", (0.0, 0.01, 0.01), (0.0, 1.0, 0.0))
     area = surface.section_flux(both, [1.0]).area
     assert area == pytest.approx(8e-4, rel=1e-9)
-    # Through both limbs together nearly as much comes back as goes.
+    # Nearly all flux through one limb returns through the other.
     whole = abs(potential.section_flux(limb, [1.0]).flux)
     ours, theirs = (closed[form].section_flux(both, [1.0]) for form in ("surface", "potential"))
     assert ours.flux == pytest.approx(theirs.flux, abs=5e-3 * whole)
@@ -386,7 +386,7 @@ def test_taylor_of_the_field(open_circuit, axis):
 
 
 def test_linkage_of_weak_iron():
-    """What iron of mu_r 3 adds to the inductance, beside the integral over its volume."""
+    """The inductance that iron of mu_r 3 adds, against the potential form's integral over the volume."""
     device = fm.read_device("loop_and_sphere")
     added = [fm.solve_linear(device, mu_r=3.0, form=form).iron_linkage for form in ("surface", "potential")]
     assert added[0] == pytest.approx(added[1], rel=5e-4)

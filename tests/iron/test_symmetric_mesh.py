@@ -80,7 +80,7 @@ def test_every_operation_maps_the_mesh_onto_itself(case):
     machine, order = CASES[case]
     mesh = generate_mesh(machine, symmetry="auto")
     group = mesh.symmetry.group
-    # The chamber of a cube's 48 operations and the like is as good as any; here the mirrors generate all.
+    # In these cases the mirrors generate the whole group.
     assert group.order == order
     size = np.abs(mesh.points - group.centre).max()
     keys = {tuple(row) for row in np.column_stack([np.sort(mesh.tets, axis=1), mesh.body])}
@@ -156,7 +156,7 @@ def test_mirror_planes_through_round_bodies_make_no_sharp_edges(refinement):
     ],
 )
 def test_operations_that_keep_the_workspace(lower, upper, order):
-    """Of a square block. Elements that are small where the workspace is need no copies elsewhere."""
+    """A square block. Small elements near the workspace then need no copies elsewhere."""
     block = device(body(Box((0.04, 0.04, 0.01)), size=0.02))
     space = WorkspaceBox(np.array(lower), np.array(upper))
     mesh = generate_mesh(Device.unchecked(**vars(block) | {"workspace": space}), symmetry="workspace")
@@ -178,7 +178,7 @@ def test_sizes_at_a_place_hold_in_all_copies():
     assert within.min() > 0
     centroids = np.zeros_like(cells.centres)
     np.add.at(centroids, cells.number, volume[:, None] * mesh.points[mesh.tets].mean(axis=1))
-    # A cell is what its tetrahedra fill, so that its centre is theirs, until nodes move onto round faces.
+    # The centre of a cell is the centroid of its tetrahedra, unless nodes moved onto round faces.
     assert np.abs(centroids / within[:, None] - cells.centres).max() < 1e-12
     small = cells.centres[cells.sizes < 0.0015]
     sides = np.sign(small - [0, 0, 0.005])

@@ -39,7 +39,7 @@ def test_representations(count):
     overlap = np.concatenate(entries, axis=1)
     assert overlap.shape == (group.order, group.order)
     assert np.abs(overlap.T @ overlap - np.eye(group.order)).max() < 1e-12
-    # As many as there are classes of conjugate elements.
+    # There is one representation for each class of conjugate elements.
     inverse = np.argmax(table == 0, axis=1)
     classes = {
         frozenset(int(table[table[b, a], inverse[b]]) for b in range(group.order)) for a in range(group.order)
@@ -62,8 +62,8 @@ def pair(request):
 
 
 def test_products_are_those_of_the_dense_matrix(pair):
-    """Any charges, symmetric or not. What differs is the dense rule for touching triangles, which is not the same for
-    mirror images: 1e-3 of single entries."""
+    """Any charges, symmetric or not. The dense rule for touching triangles is not the same for mirror images: single
+    entries differ by 1e-3."""
     iron, dense = pair
     charge = np.random.default_rng(0).standard_normal((len(iron.surface.areas), 3))
     assert iron.mutual @ charge == pytest.approx(dense @ charge, abs=1e-3 * np.abs(dense @ charge).max())

@@ -52,7 +52,7 @@ def around(points, *faces):
 
 
 def hexahedron(a, b, c):
-    """Between the parallel faces of three edges."""
+    """The parallelepiped of three edges."""
     points = [
         i * np.array(a) + j * np.array(b) + k * np.array(c) for i in (0, 1) for j in (0, 1) for k in (0, 1)
     ]
@@ -76,7 +76,7 @@ TETRAHEDRON = around(
 @pytest.mark.parametrize(
     ("shape", "order"),
     [
-        # Of surfaces the edges count; how plane faces are cut into triangles does not.
+        # For surfaces the edges count, not the division of plane faces into triangles.
         (hexahedron(X, Y, Z), 48),  # Oh
         (hexahedron(X, Y, 2 * Z), 16),  # D4h
         (hexahedron(X, 2 * Y, 3 * Z), 8),  # D2h
@@ -115,7 +115,7 @@ def test_order_of_a_single_shape(shape, order, place):
         ([body((hexahedron(X, Y, Z), SKEW))], 3, 48),
         ([body((pyramid(0, 0, 1), SKEW))], 3, 8),
         (ring_of(8, 0.03), 3, 32),
-        # Wedges of 18 degrees are too sharp: those of a fifth of it all and of half the height are the largest.
+        # Wedges of 18 degrees are too sharp: the chamber is a wedge of 36 degrees and half the height.
         (ring_of(10, 0.03), 3, 20),
         (ring_of(11, 0.03), 3, 4),
     ],
@@ -125,7 +125,7 @@ def test_the_chamber_and_its_copies_fill_space(bodies, walls, order):
     chamber = mirror_chamber(group, walls)
     assert chamber.group.order == order
     points = np.random.default_rng(2).standard_normal((500, 3))
-    # In which copies a direction lies: its image under the inverse is in front of all walls.
+    # A direction lies in a copy if its image under the inverse is in front of all walls.
     back = np.einsum("gji,nj->gni", chamber.group.matrices, points)
     inside = (back @ chamber.walls.T > 0).all(axis=2)
     assert (inside.sum(axis=0) == 1).all()
@@ -134,7 +134,7 @@ def test_the_chamber_and_its_copies_fill_space(bodies, walls, order):
 
 @pytest.mark.parametrize(("start", "normal"), [(0.0, Y), (30.0, X), (90.0, X), (15.0, None)])
 def test_walls_lie_in_coordinate_planes_where_they_can(start, normal):
-    """Of the six chambers between the mirrors of three columns at 120 degrees."""
+    """Three columns at 120 degrees, with six chambers between their mirrors."""
     walls = mirror_chamber(find_symmetry(device(*ring_of(3, 0.03, start=start)))).walls
     assert np.abs(walls @ Z).max() == pytest.approx(1.0, abs=1e-12)
     upright = walls[np.abs(walls @ Z) < 0.5]
@@ -158,7 +158,7 @@ def test_items_are_alike_where_each_segment_has_one_like_it():
     assert not like(rows, rows[[2, 0, 1]] + 1.1e-3)
     assert not like(rows, rows, ("b",))
     assert not like(rows, rows[:2])
-    # Two rows nearer than the tolerance have only one like them.
+    # Two rows nearer than the tolerance have only one counterpart.
     double = [rows[0], rows[0] + 1e-4, rows[1]]
     assert not like(double, rows)
     assert not like(rows, double)
@@ -206,7 +206,7 @@ TILTED_MIRROR = np.eye(3) - 2.0 * np.outer(TILTED, TILTED)
         (-turn([1, 0, 0], 90.0), 0 * X, "rotation by 90 deg about axis x with inversion"),
         (-np.eye(3), 0 * X, "inversion"),
         (TILTED_MIRROR, 0 * X, "mirror 0.6 x +0.8 y = 0 mm"),
-        # A point at 7 mm along the normal stays where it is.
+        # The mirror plane lies at 7 mm along the normal.
         (TILTED_MIRROR, 2 * 0.007 * TILTED, "mirror 0.6 x +0.8 y = 7 mm"),
         (np.diag([1.0, -1.0, 1.0]), 0.01 * Y, "mirror y = 5 mm"),
     ],
@@ -240,8 +240,8 @@ def test_what_is_nearly_a_group_is_made_one():
 
 
 def test_equal_symmetries_are_equal_to_the_byte():
-    """A zero of either sign is the same number, but netgen makes another mesh of a wall with the other sign. The rest
-    of the group changes how an operation is computed."""
+    """Zeros of either sign are equal numbers, but netgen meshes a wall otherwise if the sign of a zero differs. How an
+    operation is computed depends on the rest of the group."""
     devices = [device(body((shape,))) for shape in (fm.Box((0.01, 0.02, 0.03)), fm.Cylinder(0.01, 0.02))]
     groups = [
         find_symmetry(one).operations
@@ -261,7 +261,7 @@ def test_the_matrices_form_a_group_to_rounding():
     products = np.einsum("aij,bjk->abik", group.matrices, group.matrices)
     assert np.abs(products - group.matrices[table]).max() < 1e-15
     assert np.abs(group.matrices @ np.swapaxes(group.matrices, 1, 2) - np.eye(3)).max() < 1e-15
-    # Cosines and sines of sixths of a turn are the nearest numbers to them, mirrored points the same bits.
+    # Cosines and sines of multiples of 60 degrees are the nearest floating-point numbers.
     assert set(np.abs(group.matrices).ravel()) == {0.0, 0.5, 1.0, np.sqrt(0.75)}
 
 
@@ -325,7 +325,7 @@ COILS = (
 
 
 def test_coils_and_the_sense_of_their_currents_against_their_fields():
-    """A coil's field must be carried onto that of its image: B is an axial vector field."""
+    """An operation carries a coil's field onto the field of the coil's image: B is an axial vector field."""
     mirror = np.diag([-1.0, 1.0, 1.0])
     coils = []
     for coil in COILS:
@@ -357,12 +357,12 @@ def test_shipped_devices():
     cores = find_symmetry(fm.read_device("disk_six_cores"))
     assert re.findall(r"\d+", str(cores)) == ["6", "6"]
     assert cores.order == 12
-    # Its square windings are not turned about the axis with the cores: a third of the operations maps them.
+    # The square windings are not turned about the axis with the cores: a third of the operations maps them.
     assert sum(operation.coils is not None for operation in cores.operations) == 4
 
 
 def kept(bodies, **more):
-    """The operations of a device that keep what no current drives."""
+    """The operations of a device that keep the field of its magnets and background."""
     made = replace(device(*bodies), **more)
     return {str(operation) for operation in find_symmetry(made).operations if operation.keeps_magnets}
 
@@ -375,13 +375,13 @@ def test_remanence_and_background_are_axial_vectors():
         for x, m in ((0.02, "up"), (-0.02, "down"))
     ]
     assert find_symmetry(replace(device(*blocks), materials=laws)).order == 8
-    # Kept: what exchanges the blocks and turns a moment along z over, and what does neither.
+    # Kept: operations that exchange the blocks and reverse a moment along z, and operations that do neither.
     expected = {"identity", "mirror x = 0", "mirror z = 15 mm", "rotation by 180 deg about axis y"}
     assert kept(blocks, materials=laws) == expected
     alike = [blocks[0], replace(blocks[1], material="up")]
     expected = {"identity", "mirror z = 15 mm", "rotation by 180 deg about axis z", "inversion"}
     assert kept(alike, materials=laws) == expected
-    # What has no remanence keeps it.
+    # Bodies without remanence keep the symmetry of the shapes.
     assert len(kept(ring_of(4, 0.03))) == 16
     block = body((fm.Box((0.01, 0.02, 0.03)), fm.placed((0.0, 0.0, -0.015))))
     expected = {"identity", "mirror z = 0", "rotation by 180 deg about axis z", "inversion"}

@@ -35,7 +35,7 @@ def magnet_above_plate(gap, mesh=0.004, edge=5e-4, shift=0.0, turned=(0.0, 0.0, 
 
 
 def force_of_two_magnets(distance):
-    """Of cuboids, 1 T along z, one above the other: G. Akoun, J.-P. Yonnet, IEEE Trans. Magn. 20 (1984) 1962."""
+    """Cuboids of 1 T along z, one above the other: G. Akoun, J.-P. Yonnet, IEEE Trans. Magn. 20 (1984) 1962."""
     a, c, total = SIDE / 2, HEIGHT / 2, 0.0
     for i, j, k, m, p, q in product((0, 1), repeat=6):
         u, v = a * ((-1) ** j - (-1) ** i), a * ((-1) ** m - (-1) ** k)
@@ -89,7 +89,7 @@ def test_symmetry_changes_nothing():
 @pytest.mark.parametrize("form", ["potential", "flux"])
 @pytest.mark.parametrize("gap", [1e-5, 1e-6])
 def test_pads_below_a_magnet_converge(form, gap):
-    """They once stopped at a residual of 1e-6. A thin pad is pulled less than a thick plate."""
+    """A thin pad is pulled less than a thick plate. These solves once stopped at a residual of 1e-6."""
     magnet = block("magnet", (SIDE, SIDE, HEIGHT), (0, 0, gap), "magnet", 0.004, 1e-3)
     pad = block("pad", (SIDE, SIDE, 0.002), (0, 0, -0.002), mesh=0.004, edge=1e-3)
     state = fm.solve_linear(Device("pad", "", [], [magnet, pad], MATERIALS), form=form).at([])
@@ -108,7 +108,7 @@ def test_a_drawn_gap_is_the_joint_that_it_looks_like():
         coil = fm.CircularCoil("coil", 0.009, 0.011, 0.01, 100)
         return Device("bars", "", [coil], [lower, upper], MATERIALS, joints=joints)
 
-    # On the meshes of the device both are off by 1e-3.
+    # On meshes of the device's own sizes both are off by 1e-3.
     gap, finer = 2e-4, 1.3
     drawn = fm.solve_linear(device(gap), refinement=finer).at([1.0])
     joint = fm.solve_linear(device(0.0, (fm.Joint(gap),)), refinement=finer).at([1.0])
@@ -132,7 +132,7 @@ def test_a_gap_with_a_joint_elsewhere():
 
 
 def test_elements_at_the_rim_of_a_sheet_are_softer_by_their_width():
-    """g / h of the flat prism that an element is a third of: h is the altitude of its triangle on the longest side."""
+    """Its permeability is g / h; h is the altitude of the element's triangle on the longest side, g the thickness."""
     gap = 1e-5
     mesh = generate_mesh(magnet_above_plate(gap), symmetry="none")
     air = vacuum(SimpleNamespace(mesh=mesh, topology=build_faces(mesh.points, mesh.tets)))
@@ -171,12 +171,12 @@ def test_gaps_that_are_closed():
     low = cube("low", 0)
     assert pairs(low, cube("high", 0.0101)) == {(0, 1)}
     assert pairs(low, cube("high", 0.0101, x=0.005)) == {(0, 1)}
-    # Touching, far, beside each other with an edge only, and slanting.
+    # The bodies touch, are far apart, face each other with an edge only, or slant.
     assert pairs(low, cube("high", 0.01)) is None
     assert pairs(low, cube("high", 0.0115)) is None
     assert pairs(low, cube("high", 0.0101, x=0.0101)) is None
     assert pairs(low, cube("high", 0.0102, turned=(0.5, 0, 0))) is None
-    # A stack closes towards the largest; a slug that would have to move both ways closes one end only.
+    # A stack closes towards the largest body; a slug that would have to move both ways closes one end only.
     assert pairs(low, cube("middle", 0.0101), cube("high", 0.0203)) == {(0, 1), (1, 2)}
     hole, bore = Box((0.03, 0.01, 0.03)), Box((0.0104, 0.0104, 0.01))
     frame = made("frame", Part(Box((0.05, 0.01, 0.05))), Part(hole, placed((0, 0, 0.01)), "cut"))
@@ -184,13 +184,13 @@ def test_gaps_that_are_closed():
     assert pairs(low, collar) is None
     slug = block("slug", (0.01, 0.01, 0.0298), (0, 0, 0.0101))
     assert len(pairs(frame, slug) or ()) <= 1
-    # Both feet of a yoke stand on one gap; a slug in a slot has one on either side, of which none is closed.
+    # Both feet of a yoke stand on one gap; a slug in a slot has a gap on either side, and neither is closed.
     slot = Part(Box((0.0102, 0.01, 0.01)), placed((0, 0, 0)), "cut")
     yoke = made("yoke", Part(Box((0.03, 0.01, 0.02))), slot)
     assert pairs(yoke, block("keeper", (0.03, 0.01, 0.01), (0, 0, -0.0101))) == {(0, 1)}
     assert pairs(yoke, block("slug", (0.01, 0.01, 0.008), (0, 0, 0))) is None
-    # What lies round both without touching them is no hindrance; a ball that the moved one would come upon is, wherever
-    # it would end up, and one that it just misses is not.
+    # A ring round both that touches neither is no hindrance. A ball that the moved body would meet is one, at any place
+    # of its way; a ball that it just misses is not.
     ring = made("ring", Part(fm.Ring(0.012, 0.016, 0.03), placed((0, 0, -0.005))))
     assert pairs(low, cube("high", 0.0101), ring) == {(0, 1)}
     base = block("base", (0.03, 0.01, 0.03), (0.015, 0, -0.03))
@@ -215,7 +215,7 @@ def test_moves_are_those_of_whole_pieces():
 
 
 def test_gaps_that_are_not_meshed_as_sheets_are_told():
-    """A plunger in a bore, the gap round it a thirtieth of the elements; and the same with a wide gap."""
+    """A plunger in a bore, with a gap of a thirtieth of the element size, and with a wide gap."""
 
     def warnings(gap):
         ring = made("ring", Part(fm.Ring(0.006 + gap, 0.012, 0.01)))
@@ -231,7 +231,7 @@ def test_gaps_that_are_not_meshed_as_sheets_are_told():
 
 
 def facing(gap, shift=0.0, angle=0.0, names=("one", "other"), body=(0, 1), sign=1.0):
-    """Warnings of two triangles with legs of 10 mm, one above the other, that look at each other where sign is 1."""
+    """Warnings of two triangles with legs of 10 mm, one above the other, that face each other where sign is 1."""
     low = 0.01 * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
     turn = np.array([[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]])
     middle = low.mean(axis=0)
@@ -244,8 +244,8 @@ def facing(gap, shift=0.0, angle=0.0, names=("one", "other"), body=(0, 1), sign=
 
 
 def test_thin_gaps_are_told_by_the_faces_that_look_at_each_other():
-    """Thinner than a fifth of the side of a square of twice the area, here 10 mm, faces opposite to each other by half
-    of their radius, at less than 25 degrees."""
+    """A gap is thin below a fifth of the side of a square of twice the face's area, here 10 mm, between faces that are
+    opposite within half of their radius and at less than 25 degrees."""
     radius = 0.01 * np.hypot(2, 1) / 3
     (told,) = facing(1.9e-3)
     assert "faces of 'one' and 'other' lie 1.9 mm apart, a thin gap for elements of 10 mm" in told
@@ -253,7 +253,7 @@ def test_thin_gaps_are_told_by_the_faces_that_look_at_each_other():
     assert "faces of 'one' lie 1 mm apart" in slot
     for thin, *about in (
         (False, 2.1e-3),
-        # Seen from inside the iron it is a sheet of iron.
+        # Seen from inside the iron the space between the faces is a sheet of iron.
         (False, 1e-3, 0.0, 0.0, ("one", "other"), (0, 1), -1.0),
         (True, 1e-3, 0.49 * radius),
         (False, 1e-3, 0.51 * radius),

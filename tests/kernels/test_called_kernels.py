@@ -1,8 +1,8 @@
-"""A function that other compiled ones call must not hold sums that the compiler may reorder.
+"""A function called by other compiled functions must not contain sums that the compiler may reorder.
 
-numba links such a function into each caller and optimises it there again, which may take its sums in another order.
-A process that compiles takes the function by itself, one that reads compiled kernels from files the caller's: results
-would differ in the last digit between the first run and later ones.
+numba links such a function into each caller and optimises it there again, which may change the order of its sums.
+A process that compiles uses the separate function, one that reads compiled kernels from files the caller's version:
+results would differ in the last digit between the first run and later ones.
 """
 
 import importlib
@@ -23,7 +23,7 @@ REORDERED = {"fast", "reassoc"}
 
 
 def kernels_of(package):
-    """Names and compiled functions of all modules of a package, those that functions of them made left aside."""
+    """Names and compiled functions in all modules of a package, except those made inside functions."""
     found = {}
     for info in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
         for value in compiled(vars(importlib.import_module(info.name)).values()):
@@ -38,7 +38,7 @@ def compiled(values):
 
 
 def called_by(kernel):
-    """Compiled functions that the source of one names."""
+    """Compiled functions named in the source of another."""
     function = kernel.py_func
     names = inspect.getclosurevars(function)
     values = [*names.globals.values(), *names.nonlocals.values()]
@@ -52,7 +52,7 @@ def is_inlined(kernel):
 
 
 def may_reorder(kernel):
-    """Whether its compiled code holds sums that may be reordered: of its own, or of functions inlined into it."""
+    """Whether the compiled code of a function may reorder sums, its own or those of functions inlined into it."""
     flags = kernel.targetoptions.get("fastmath", False)
     own = flags is True or bool(flags and REORDERED & set(flags))
     return own or any(may_reorder(one) for one in called_by(kernel) if is_inlined(one))
@@ -90,7 +90,7 @@ def test_one_that_does_not_is_found():
 
 
 def test_an_inlined_function_is_a_part_of_kernels_alone():
-    """Python finds no code of it, and is told so: numba without its wrapper would call address 0."""
+    """Python cannot call it, and gets an error: without numba's wrapper the call would be to address 0."""
 
     @inlined(cache=False)
     def reciprocal(value):
@@ -112,7 +112,7 @@ def test_an_inlined_function_is_a_part_of_kernels_alone():
 
 
 def test_kernels_divide_as_numpy_does_whoever_calls_them_first():
-    """numba's own rule, an error, would be inherited from a caller that has it."""
+    """Otherwise numba's own rule, an error, would be inherited from a caller."""
 
     @njit(cache=False)
     def kernel(value):
@@ -131,7 +131,7 @@ def test_kernels_divide_as_numpy_does_whoever_calls_them_first():
 
 @pytest.mark.parametrize("compiled_by", [njit, inlined])
 def test_kernels_keep_the_order_of_sums_whoever_calls_them_first(compiled_by):
-    """A caller that may reorder would pass that on: the last digits would depend on which was compiled first."""
+    """A caller that may reorder would pass this on, and the last digits would depend on which one compiled first."""
 
     @compiled_by(cache=False)
     def part(a, b, c):
@@ -141,7 +141,7 @@ def test_kernels_keep_the_order_of_sums_whoever_calls_them_first(compiled_by):
     def caller(a, b, c):
         return part(a, b, c)
 
-    # Reordered it would be b + c.
+    # A reordered sum would be b + c.
     assert caller(1e16, 1.0, 1.0) == 0.0
 
 

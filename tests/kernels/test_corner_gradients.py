@@ -1,4 +1,4 @@
-"""Derivatives by the corners of charged triangles: against central differences of what they are derivatives of."""
+"""Derivatives by the corners of charged triangles, against central differences."""
 
 import numpy as np
 import pytest
@@ -12,14 +12,14 @@ from fieldmap.iron.symmetry import Operation, SymmetryGroup
 from fieldmap.kernels.iron.mutual_gradient import close_gradient
 
 STEP = 1e-6
-# On a ball. Without compilation the pairs of so many triangles take seconds.
+# Nodes on a ball. Without compilation the pairs of many triangles take seconds.
 NODES, NODES_OF_SIX = (5, 5) if config.DISABLE_JIT else (40, 20)
 BETWEEN_RULES = 1e-5 if config.DISABLE_JIT else 1e-6
 
 
 @pytest.fixture(scope="module")
 def balls():
-    """Nodes (p, 3) and triangles (n, 3) of two balls, close and far pairs among them."""
+    """Nodes (p, 3) and triangles (n, 3) of two balls, with close and far pairs."""
     points = np.random.default_rng(0).normal(size=(NODES, 3))
     points /= np.linalg.norm(points, axis=1)[:, None]
     triangles = ConvexHull(points).simplices.astype(np.int64)
@@ -53,7 +53,7 @@ def test_mutual_potentials(balls, moving):
 
 @pytest.fixture(scope="module")
 def star():
-    """Three balls, and their mirror images, about an axis: points (p, 3), triangles (n, 3) and the symmetry."""
+    """Three balls and their mirror images about an axis: points (p, 3), triangles (n, 3) and the symmetry."""
     cosine, sine = -0.5, np.sqrt(0.75)
     turn, mirror = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]]), np.diag([1.0, -1.0, 1.0])
     matrices = [np.linalg.matrix_power(turn, k) @ side for side in (np.eye(3), mirror) for k in range(3)]
@@ -62,19 +62,19 @@ def star():
     triangles = ConvexHull(ball).simplices.astype(np.int64)
     ball = 0.5 * ball + [2.0, 0.8, 0.3]
     points = np.concatenate([ball @ matrix.T for matrix in matrices])
-    # Product of two of the operations, which numbers the image of an image.
+    # Index of the product of two operations.
     number = lambda m: int(np.argmin([np.abs(m - other).max() for other in matrices]))  # noqa: E731
     table = [[number(a @ b) for b in matrices] for a in matrices]
     places = np.array([[NODES_OF_SIX * b + p for b in row for p in range(NODES_OF_SIX)] for row in table])
     operations = tuple(Operation(m, np.zeros(3), (), None, (), True) for m in matrices)
-    # Column by column, as those of meshes.
+    # In column order, like the nodes of meshes.
     symmetry = MeshSymmetry(SymmetryGroup(operations, np.zeros(3), 1e-9), np.asfortranarray(places))
     return points, np.concatenate([triangles + NODES_OF_SIX * k for k in range(6)]), symmetry
 
 
 @pytest.mark.parametrize("moving", ["all", "one ball"])
 def test_one_chamber_stands_for_all(star, moving):
-    """For charges and a movement without the symmetry."""
+    """For charges and movements that do not have the symmetry."""
     points, triangles, symmetry = star
     random = np.random.default_rng(4)
     charge, others = random.normal(size=len(triangles)), random.normal(size=(2, len(triangles)))
@@ -91,25 +91,25 @@ def test_one_chamber_stands_for_all(star, moving):
         )
         for used in (symmetry, None)
     )
-    # Of two faces of one size rounding decides which gets the outer rule.
+    # For two faces of equal size rounding decides which one gets the outer rule.
     np.testing.assert_allclose(found, whole, rtol=BETWEEN_RULES)
     ahead, behind = (
         others @ (side.mutual_potential() @ charge) for side in sides((points, triangles), velocity)
     )
     np.testing.assert_allclose(found, (ahead - behind) / (2 * STEP), rtol=3 * BETWEEN_RULES)
-    # With symmetry and without: one kernel.
+    # One compiled kernel serves with and without symmetry.
     assert config.DISABLE_JIT or len(close_gradient.signatures) == 1
 
 
 def test_potentials_within_one_ball_do_not_follow_its_movement(balls):
-    """The triangles' own pairs and those that touch, whose fields jump."""
+    """The self-potentials of triangles and touching pairs, whose fields jump."""
     points, triangles = balls
     ball = triangles[triangles.max(axis=1) < NODES]
     faces, ones = ChargedFaces.from_nodes(points[:NODES], ball), np.ones(len(ball))
     by_nodes = mutual_gradient(faces, ball, NODES, ones, ones[None], ones > 0)[0]
     size = np.abs(by_nodes).sum()
     assert np.abs(by_nodes.sum(axis=0)).max() < 1e-13 * size
-    # Scaled up, potentials fall.
+    # Potentials fall when the ball is scaled up.
     potential = ones @ faces.mutual_potential() @ ones
     assert np.sum(by_nodes * points[:NODES]) == pytest.approx(-potential, rel=1e-10)
 

@@ -1,4 +1,4 @@
-"""Far blocks of low rank and products of blocks, against the same sums written out."""
+"""Far blocks of low rank and products of blocks, against the sums written out."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from fieldmap.kernels.iron.sparse_inverse import farthest_first, solve_for_last
 
 
 def far_sets(rows=9, columns=11, distance=4.0):
-    """Points (3, n) of a rule on two groups of small triangles; the matrix between them."""
+    """Points (3, n) of a rule on two groups of small triangles, and the matrix between the groups."""
     rng = np.random.default_rng(0)
     centre = np.concatenate([rng.random((rows, 3)), rng.random((columns, 3)) + [distance, 0, 0]])
     points = centre[None] + 0.05 * rng.random((3, rows + columns, 3))

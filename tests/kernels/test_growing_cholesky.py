@@ -1,4 +1,4 @@
-"""A factor that follows a matrix whose rows come and go, against the factor of that matrix."""
+"""A Cholesky factor updated as rows come and go, against the factor of the current matrix."""
 
 import numpy as np
 import pytest

@@ -45,7 +45,7 @@ def test_equals_quadrature_near_the_axis_near_the_wire_and_far_away():
 
 
 def test_near_the_axis_no_digit_is_lost():
-    """B_rho = -(rho/2) dBz/dz + O(rho^3), so B_rho / rho must reach its limit with relative accuracy."""
+    """B_rho = -(rho/2) dBz/dz + O(rho^3), so B_rho / rho must be relatively accurate down to its limit."""
     z = 0.013
     rho = 10.0 ** -np.arange(5, 13)
     points = np.column_stack([rho, 0 * rho, 0 * rho + z])

@@ -60,7 +60,7 @@ def test_scales_with_inverse_length():
 
 @pytest.mark.parametrize("size", [1e-6, 1.0])
 def test_far_pairs_are_the_sum_over_their_points_to_thirteen_digits(size):
-    """Three points of each triangle, whose distances are inverted in single precision and then corrected."""
+    """Sums over three points per triangle, with inverse distances from single precision and a correction."""
     rng = np.random.default_rng(5)
     centres = size * 40 * rng.permutation(40)[:, None] * [1.0, 0.3, 0.2]
     points = (centres[:, None] + size * rng.random((40, 3, 3))).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""A winding made of arcs and bars; the many physical checks are in tests/sources."""
+"""A winding made of arcs and bars; further physical checks are in tests/sources."""
 
 import numpy as np
 import pytest

@@ -19,7 +19,7 @@ def arrays(*points):
 
 
 def places_on(z, q1, q2):
-    """Gauss points on a segment and their weights, crowded at the foot of z: shares of the length."""
+    """Gauss points on a segment and weights, as shares of its length, concentrated at the foot of z."""
     share = (z - q1) / (q2 - q1)
     foot, height = share.real, max(abs(share.imag), 1e-16)
     low, high = np.arcsinh(-foot / height), np.arcsinh((1 - foot) / height)
@@ -34,7 +34,7 @@ def inner_log(z, q1, q2):
 
 
 def inner_double(z, q1, q2, hat):
-    """Integral of the hat times d(log r)/dn over a segment, n to its right."""
+    """Integral of a hat function times d(log r)/dn over a segment, with n to its right."""
     t, w = places_on(z, q1, q2)
     normal = -1j * (q2 - q1)
     return float(np.sum(w * hat(t) * (normal / (q1 + t * (q2 - q1) - z)).real))
@@ -44,7 +44,7 @@ def inner_double(z, q1, q2, hat):
 def test_potentials_are_those_of_quadrature(name):
     p1, p2, q1, q2 = SEGMENTS[name]
     single, first, last = (m[0, 0] for m in mutual_segments(*arrays(p1, p2, q1, q2)))
-    # Graded Gauss points towards both ends of p, where it may touch q.
+    # Gauss points concentrated at both ends of p, where p may touch q.
     nodes, weights = np.polynomial.legendre.leggauss(40)
     t = 0.5 + 0.5 * np.sin(0.5 * np.pi * nodes)
     w = 0.25 * np.pi * np.cos(0.5 * np.pi * nodes) * weights * abs(p2 - p1)
@@ -73,7 +73,7 @@ def test_near_and_far_rules_agree():
 
 
 def test_closed_ring_sees_itself_at_half_a_turn():
-    """Gauss: the double layer of constant strength gives -1/2 on its own ring."""
+    """Gauss: a double layer of constant strength gives -1/2 on the ring itself."""
     corners = np.array([0, 1, 1 + 1j, 0.5 + 0.2j, 0.3 + 1j, 1j])
     ends = np.roll(corners, -1)
     _, first, last = mutual_segments(corners, ends, corners, ends)

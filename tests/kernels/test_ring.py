@@ -52,7 +52,7 @@ def test_one_millimetre_from_the_winding_and_in_the_workspace():
 
 
 def test_inside_the_winding():
-    """Shells inside and outside of the point's radius, panels shrinking towards it: the integrand jumps there."""
+    """Shells inside and outside the point's radius, with panels that shrink towards it, where the integrand jumps."""
     radius = 0.0153
     points = np.array([[radius, 0.0, 0.004]])
     steps = 0.25 ** np.arange(0, 14)
@@ -65,7 +65,7 @@ def test_inside_the_winding():
 
 @pytest.mark.parametrize("distance", [0.08, 0.09, 0.093, 0.1, 0.2])
 def test_filaments_take_over_without_a_step(distance):
-    """For twelve digits that is at 0.091 m."""
+    """For twelve digits the transition is at 0.091 m."""
     points = distance * np.array([[0.6, 0.0, 0.8], [0.0, 1.0, 0.0]])
     field, gradient = ring_flux_density_and_gradient(points, INNER, OUTER, HEIGHT, 12.0)
     reference, reference_gradient = shells(points, 16)

@@ -42,7 +42,7 @@ def test_is_a_stack_of_loops():
 
 @pytest.mark.parametrize(("radius", "height"), [(0.02, 0.001), (0.02, 0.05), (0.002, 0.3)])
 def test_closed_form_and_loops_far_away_join_smoothly(radius, height):
-    """Through the distances at which the kernel changes its formula, against many loops."""
+    """Across the distances where the kernel changes its formula, against many loops."""
     distance = 10.0 ** np.linspace(-0.5, 2, 24)
     points = distance[:, None] * np.array([0.6, 0.0, 0.8])
     field, gradient = sheet_flux_density_and_gradient(points, radius, height)

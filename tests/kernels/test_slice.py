@@ -63,19 +63,19 @@ def test_bar_in_closed_form_is_the_sum_of_its_slices(position):
     v1, v2 = v - 0.015, v + 0.02
     nodes, weights = np.polynomial.legendre.leggauss(60)
     total = np.zeros(5)
-    # the integrand's slopes change at v = 0 where the point is over the section: integrate each side
+    # the slopes of the integrand change at v = 0 if the point is over the section: integrate each side
     for low, high in ((v1, 0.0), (0.0, v2)):
         for node, weight in zip(nodes, weights, strict=True):
             at = (low + high) / 2 + (high - low) / 2 * node
             total += (high - low) / 2 * weight * np.array(bar_slice(X, at, *SECTION, h1, h2))
     closed = np.array(bar_closed_form(v1, v2, SECTION[0] - X, SECTION[1] - X, h1, h2))
-    # density: one line per metre, so that a tolerance relative to the largest entry is one for all
+    # density: one line per metre, so the tolerance relative to the largest entry is the same for all entries
     assert closed[:2] == pytest.approx(total[:2], rel=1e-7, abs=1e-7 * np.abs(total[:2]).max())
     assert closed[2:] == pytest.approx(total[2:], rel=1e-5, abs=1e-5 * np.abs(total[2:]).max())
 
 
 def test_slice_far_away_is_a_filament():
-    """The section shrinks to its middle; the error falls as the square of its size over the distance."""
+    """The section acts like its middle line; the error falls as the square of its size over the distance."""
     error = []
     for scale in (1.0, 0.5, 0.25):
         half = 0.005 * scale

@@ -1,4 +1,4 @@
-"""Products with half of a matrix against the whole one."""
+"""Products with the upper half of a symmetric matrix against the whole matrix."""
 
 import numpy as np
 import pytest
@@ -15,6 +15,6 @@ def test_the_upper_triangle_is_enough(size, columns, precision, digits):
     whole = (half + half.T).astype(precision)
     right = random.standard_normal((columns, size)).astype(precision)
     out = np.full_like(right, np.nan)
-    # Below the diagonal nothing may be read.
+    # The part below the diagonal must not be read.
     symmetric_product(np.triu(whole) + np.tril(np.full_like(whole, np.nan), -1), right, out)
     assert out == pytest.approx(right @ whole, abs=digits * float(np.abs(right @ whole).max()))

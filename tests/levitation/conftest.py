@@ -44,13 +44,13 @@ class AxisymmetricField:
         self.amperes, self.potentials, self.derived = np.ones(1), solid_harmonics(*c)[None], {}
 
     def derivatives(self, points, order):
-        """(n, 3, ..., 3), all of an order in one pass; their polynomials are made once."""
+        """(n, 3, ..., 3), all derivatives of an order in one pass; their polynomials are made once."""
         coefficients = np.tensordot(self.amperes, self._polynomials(order), 1)
         values = polynomial.polyval3d(*np.atleast_2d(points).T, coefficients)
         return np.moveaxis(values, -1, 0)
 
     def _polynomials(self, order):
-        """Coefficients (coils, x, y, z, 3, ..., 3), the last index that of the derivative taken last."""
+        """Coefficients (coils, x, y, z, 3, ..., 3), the last index is the derivative taken last."""
         if order == 0:
             return self.potentials
         if order not in self.derived:
@@ -93,7 +93,7 @@ def with_vertical_part(g):
 
 
 def lifting_above(g, gradient):
-    """A harmonic potential with B_z = g(x, y) at z = 0, which grows there upwards by a gradient, T/m."""
+    """A harmonic potential with B_z = g(x, y) at z = 0, and dB_z/dz = gradient there, T/m."""
     whole, part = solid_harmonics(c2=gradient / 2), with_vertical_part(g)
     whole[tuple(map(slice, part.shape))] += part
     return whole

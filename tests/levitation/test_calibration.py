@@ -1,4 +1,4 @@
-"""Calibration on readings made from a known rig: the truth comes back, with the covariance that noise has."""
+"""Calibration on readings made from a known rig: the fit returns the truth, with the covariance of the noise."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ TRUTH = {"field_scale": 1.3, "magnet_offset": 0.012}
 
 
 class Saturating:
-    """Currents that enter as 3 tanh(i / 3): the scale of the field and that of the currents are two things."""
+    """Currents enter as 3 tanh(i / 3), so that a scale of the field and a scale of the currents differ."""
 
     def __init__(self, linear):
         self.linear = linear
@@ -29,7 +29,7 @@ class Saturating:
 
 @pytest.fixture
 def rig(polynomial_field):
-    """Two coils beside each other: both lift more the higher the magnet, each draws it to its side."""
+    """Two coils side by side: both lift more the higher the magnet is, and each draws it to its own side."""
     potentials = []
     for side in (-1.0, 1.0):
         t = solid_harmonics(c2=0.035, c3=0.5)
@@ -53,7 +53,7 @@ def lift_readings(rig, truth, gains=(1.0, 1.0), noise=0.0, seed=0):
 
 
 def position_readings(rig, truth, gains=(1.0, 1.0)):
-    """Where the true rig's magnet rests at unequal currents."""
+    """The places at which the true rig's magnet rests at unequal currents."""
     currents = np.array([[0.9, 1.1], [0.8, 1.2], [1.2, 0.8], [0.7, 1.3]])
     places = []
     for amperes in currents:
@@ -77,7 +77,7 @@ def test_field_scale_and_offset_come_back(rig):
 
 
 def test_what_a_scale_alone_leaves_of_six_readings(rig):
-    """s L_k measured as 1 within 3 %: s = sum L / sum L^2 with deviation 0.03 / |L|, and the misfit over all six."""
+    """s L_k is measured as 1 within 3 %: s = sum L / sum L^2 with deviation 0.03 / |L|, and the misfit over all six."""
     read = lift_readings(rig, TRUTH, noise=0.03)
     how = {"fit": ["field_scale"], "given": {"magnet_offset": 0.012, "field_scale": 1.2}}
     found = calibrate(rig, PAYLOAD, lift=read, **how)
@@ -94,7 +94,7 @@ def test_what_a_scale_alone_leaves_of_six_readings(rig):
 
 
 def test_gains_of_the_coils_need_places(rig):
-    """Equal currents tell nothing of which coil is which."""
+    """Equal currents do not tell the coils apart."""
     gains = (1.1, 0.95)
     read = {
         of: make(rig, TRUTH, gains)
@@ -107,7 +107,7 @@ def test_gains_of_the_coils_need_places(rig):
 
 
 def test_places_may_count_from_the_first(rig):
-    """A sensor that was set to zero where the magnet was first: wherever that is, the places fit."""
+    """A sensor that was set to zero at the magnet's first place: the places fit for any first place."""
     read = position_readings(rig, TRUTH)
     sensed, currents, places = (np.asarray(of)[:2] for of in (read.sensed, read.currents, read.places))
     positions = PositionReadings(sensed, currents, places + [3e-3, -1e-3], from_first=True)
@@ -115,7 +115,7 @@ def test_places_may_count_from_the_first(rig):
     found = calibrate(rig, PAYLOAD, lift_readings(rig, TRUTH), positions, **how)
     assert found.misfit < 1e-3
     rows = [row for row in found.table if " of reading " in row.quantity]
-    # What counts from itself is no reading.
+    # The first reading counts from itself and is left out.
     expected = places[1] - places[0]
     assert [row.quantity for row in rows] == ["x of reading 1", "y of reading 1"]
     assert [row.measured for row in rows] == pytest.approx(expected, abs=1e-12)
@@ -136,7 +136,7 @@ def test_where_nothing_saturates_the_two_scales_are_one(rig):
 
 
 def test_places_at_a_held_height(rig):
-    """The level of the currents is not read: the controller's. Lift fixes it by the field scale."""
+    """The controller sets the level of the currents, which is not read. Lift fixes the level by the field scale."""
     read = position_readings(rig, TRUTH)
     height, held = 0.016 - TRUTH["magnet_offset"], []
     for amperes in np.asarray(read.currents):
@@ -153,7 +153,7 @@ def test_places_at_a_held_height(rig):
 
 
 def test_a_level_that_is_not_read_is_that_of_the_lift(rig):
-    """Currents in a proportion of 9 to 11, of which the controller made the level that carries the magnet."""
+    """Currents in a proportion of 9 to 11; the controller sets the level that carries the magnet."""
     currents, height = np.array([0.9, 1.1]), 0.016 - TRUTH["magnet_offset"]
     (point,) = stationary_points(rig, currents, PAYLOAD, height).points
     carried = Payload(mass=1.3 * point.lift / 9.80665, moment=PAYLOAD.moment, magnet_offset=0.012)
@@ -170,7 +170,7 @@ def test_a_level_that_is_not_read_is_that_of_the_lift(rig):
     [
         ("field_scale", {}, {"field_scale": (0.5, 1.1)}, 1.1),
         ("field_scale", {}, {"field_scale": (1.5, 2.0)}, 1.5),
-        # Of the box of 40 mm a thousandth is left beside the magnet that is highest, or lowest.
+        # A thousandth of the box of 40 mm is left above the highest magnet, or below the lowest.
         ("magnet_offset", {"field_scale": 0.1}, None, 0.022 - 0.02 + 4e-5),
         ("magnet_offset", {"field_scale": 9.0}, None, 0.012 + 0.02 - 4e-5),
     ],
@@ -185,11 +185,11 @@ def test_what_is_fitted_stays_within_its_limits(rig, name, given, limits, end):
 
 @pytest.mark.parametrize(("weight", "end"), [(30.0, 20.0), (0.03, 0.05)])
 def test_scales_are_from_a_twentieth_to_twenty(rig, weight, end):
-    """Of a magnet whose weight is another one than was carried."""
+    """The payload has another weight than the magnet of the readings."""
     other = Payload(weight * PAYLOAD.mass, PAYLOAD.moment, magnet_offset=0.012)
     found = calibrate(rig, other, lift=lift_readings(rig, TRUTH), fit="field_scale")
     assert found.values["field_scale"] == pytest.approx(end, rel=1e-6)
-    # A start beyond them begins a millionth of their range inside.
+    # A start beyond the limits begins a millionth of their range inside.
     how = {"lift": lift_readings(rig, TRUTH), "fit": "field_scale", "given": {"field_scale": 2.0 * weight}}
     begun = calibrate(rig, other, **how).before["field_scale"]
     assert begun == pytest.approx(end - np.sign(end - 1.0) * 1e-6 * 19.95 if weight > 1 else 0.06, rel=1e-12)

@@ -1,4 +1,4 @@
-"""Equilibrium in a coarse map, whose force steps from cell to cell: six dipoles on a circle, known in closed form."""
+"""Equilibrium in a coarse map with a force that steps between cells: six dipoles on a circle, in closed form."""
 
 import numpy as np
 import pytest

@@ -1,6 +1,6 @@
-"""A field beside measurements: lift currents, the factor on the force and shifts, each found by another way.
+"""A field against measurements: lift currents, the factor on the force and shifts, each found in another way.
 
-Six vertical dipoles on a ring, whose moments saturate with their currents: mu(i) = MU i / (1 + i / KNEE).
+Six vertical dipoles on a ring have moments that saturate with their currents: mu(i) = MU i / (1 + i / KNEE).
 """
 
 import numpy as np
@@ -49,7 +49,7 @@ class Field(Field):
         return MU * i / (1.0 + i / KNEE)
 
     def field(self, points, currents):
-        """Of no interest here: the force is the gradient's."""
+        """Not used: the force depends on the gradient only."""
         return np.zeros((len(np.atleast_2d(points)), 3))
 
     def gradient(self, points, currents):
@@ -111,7 +111,7 @@ def test_lift_currents_beside_the_measured():
 
 
 def test_readings_at_the_ends_of_the_box_are_inside():
-    """Heights of -60 and -120 mm; 1 mm beyond there is nothing to state."""
+    """Heights of -60 and -120 mm are rows; 1 mm beyond them there is no row."""
     read = machine(readings_mm=(-6.0, -5.0, 55.0, 56.0))
     assert [row.sensor_mm for row in lift_by_height(Field(), PAYLOAD, read)] == [-5.0, 55.0]
 
@@ -139,7 +139,7 @@ def test_the_factor_on_the_force_and_what_it_leaves():
         found = carrying(row.height, fit.factor)
         assert current == pytest.approx(found, rel=2e-4)
         assert deviation == pytest.approx(found / row.measured - 1.0, abs=3e-4)
-    # Nothing was measured.
+    # Without measurements there is no fit.
     assert fit_force(Field(), PAYLOAD, lift_by_height(Field(), PAYLOAD)) is None
 
 
@@ -167,7 +167,7 @@ READ = MeasuredShift(N, 10.0, SIGNALS, (0.5, 1.0, 2.5), -0.2, "Table 2")
 
 
 def at_rest(signals, level, height):
-    """x where the magnet is not pushed aside: at the level, and with the lift of signal 0; and that level."""
+    """x of zero push: at the given level, and at the level that keeps the lift of signal 0; and that level."""
     on_axis = lift(height, level)
     rows, x, both = [], 0.0, np.array([0.0, level])
     for signal in signals:
@@ -190,7 +190,7 @@ def test_shifts_beside_the_measured():
     np.testing.assert_allclose(shift.measured, [5e-4, 1e-3, 2.5e-3])
     places, held, levels = at_rest(SIGNALS, 2.2, -0.075)
     assert np.abs(places - held).max() > 2e-5
-    # Counted from the reading at signal 0; ours is at 0 there.
+    # Shifts count from the reading at signal 0, where the calculated x is 0.
     np.testing.assert_allclose(shift.constant_level, places - 2e-4, atol=2e-7)
     np.testing.assert_allclose(shift.constant_lift, held - 2e-4, atol=2e-7)
     np.testing.assert_allclose(shift.levels, levels, rtol=1e-4)
@@ -218,8 +218,8 @@ def test_where_the_currents_end_there_is_no_place():
 
 @pytest.mark.parametrize("held", [False, True])
 def test_one_point_of_the_path_in_a_few_newton_steps(held):
-    """Place and level by scipy's solver; Newton's method with the derivative of the force gets there in six steps, of
-    four states each where the level is sought too."""
+    """Place and level against scipy's solver. Newton's method with the derivative of the force takes six steps, of four
+    states each if the level is sought too."""
     height, level, signal = -0.075, 0.6, 0.2
     asked = []
 

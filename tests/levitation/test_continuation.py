@@ -1,4 +1,4 @@
-"""Branches that are followed in a parameter, against curves whose course is known."""
+"""Branches that are followed in a parameter, against known curves."""
 
 import numpy as np
 import pytest
@@ -22,8 +22,8 @@ def cubic_slope(q, p):
 @pytest.mark.parametrize("slope", [None, cubic_slope])
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_both_ways_round_the_folds(way, slope, sign):
-    """From the upper end up to the fold and on to the edge, and the mirror image of that; the same equation with its
-    sign changed."""
+    """From the upper end up to the fold and on to the edge, and the mirror image; also with the equation's sign
+    reversed."""
     found = follow_branch(
         lambda q, p: sign * cubic(q, p),
         [way],
@@ -44,21 +44,21 @@ def test_both_ways_round_the_folds(way, slope, sign):
 
 
 def test_what_a_parameter_is_measured_in_changes_nothing():
-    """The circle q^2 + p^2 = 1 in a unit of q a thousand times smaller; the same points but for the steps."""
+    """The circle q^2 + p^2 = 1 in a unit of q a thousand times smaller: the same points except for the steps."""
     fine = follow_branch(
         lambda q, p: (1e-3 * q) ** 2 + p**2 - 1.0, [1e3], [0.0, 0.6, 2.0], [1e3, 1.0], limits=(-0.8, 2.0)
     )
     assert fine.at_stops[:, 0] == pytest.approx([1e3, 0.8e3], rel=1e-8)
     assert [fold.parameter for fold in fine.folds] == pytest.approx([1.0], rel=1e-8)
-    # On the other side as far as the parameter may go.
+    # The branch continues on the other side as far as the parameter may go.
     assert fine.ended == "edge"
     assert (fine.parameters[-1], fine.unknowns[-1, 0]) == pytest.approx((-0.8, -0.6e3), abs=0.1e3)
 
 
 @pytest.mark.parametrize("sloped", [False, True])
 def test_what_any_number_is_measured_in_changes_nothing(sloped):
-    """The circle q^2 + p^2 = 1 and r = 2 q, with p in hundredths, q in thousands and r in a unit of its own; its range
-    ends at p = 0.9 and at q = -0.5."""
+    """The circle q^2 + p^2 = 1 and r = 2 q, with p in hundredths, q in thousands and r in another unit; the branch ends
+    at p = 0.9, or at q = -0.5."""
     units = np.array([1e3, 0.2, 100.0])
 
     def residual(v, p):
@@ -108,8 +108,8 @@ def test_how_a_branch_ends():
 
 @pytest.mark.parametrize(("jump", "small"), [(4e-6, True), (1e-7, True), (6e-6, False)])
 def test_a_residual_that_steps_by_an_error_is_followed(jump, small):
-    """Of a line whose value steps at zero as an interpolated force does between cells: Newton's steps go to and fro by
-    twice the jump, and are taken for small below 1e-5 of the scale."""
+    """A line with a step at zero, as an interpolated force has between cells: Newton's steps alternate by twice the
+    jump, which counts as small below 1e-5 of the scale."""
 
     def line():
         slope, stops = (lambda q, p: np.eye(1)), [0.0, 0.5, 1.0]

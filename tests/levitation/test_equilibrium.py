@@ -45,7 +45,7 @@ def test_a_gradient_that_falls_upward_is_stable_along_z_only(axisymmetric):
 
 
 def test_reversed_currents_hold_a_magnet_that_points_the_other_way(axisymmetric):
-    """No magnet is turned: currents that push it down are refused, with the key that says which way it points."""
+    """The magnet does not turn: currents that push it down are refused; the remedy names payload.direction."""
     source, below = axisymmetric((0.02, 0.03, 0.08, 0.0)), replace(PAYLOAD, direction="down")
     up, down = find_equilibrium(source, [1.5], PAYLOAD), find_equilibrium(source, [-1.5], below)
     np.testing.assert_allclose(down.position, up.position, atol=1e-12)
@@ -59,7 +59,7 @@ def test_reversed_currents_hold_a_magnet_that_points_the_other_way(axisymmetric)
 
 
 def test_a_payload_that_may_turn_follows_the_field(axisymmetric):
-    """As moment="aligned" of any other; where the field points against what it states, the result says so."""
+    """Like moment="aligned" of any payload; if the field points against the stated direction, the result says so."""
     source, free = axisymmetric((0.02, 0.03, 0.6, 0.0)), replace(PAYLOAD, turning="free")
     found = find_equilibrium(source, [1.5], free)
     asked = find_equilibrium(source, [1.5], PAYLOAD, moment="aligned")
@@ -95,7 +95,7 @@ def test_an_aligned_moment_follows_the_field(axisymmetric):
     assert found.angle_to_field < 1e-5
     assert found.moment[0] > 0.05 * PAYLOAD.moment
     assert found.trace < 0.0
-    # The balance, from |B| alone.
+    # The force balance by |B| only.
     h = 1e-5
     ahead, behind = (
         np.linalg.norm(source.field(found.position + s * h * np.eye(3), [1.5]), axis=1) for s in (1, -1)
@@ -143,7 +143,7 @@ def test_too_little_current_says_how_much_is_missing(axisymmetric):
     with pytest.raises(NoEquilibrium) as caught:
         find_equilibrium(source, [0.5], PAYLOAD)
     problem = caught.value.problems[0]
-    # Least on an edge, where c4 (12 z^2 - 6 r^2) has r^2 = 2 (20 mm)^2, at one of 15 heights.
+    # The least force is on an edge, where c4 (12 z^2 - 6 r^2) has r^2 = 2 (20 mm)^2, at one of 15 heights.
     r2 = 2 * 0.02**2
     slopes = {z: 0.06 + 0.6 * z + 1.2 * z**2 for z in np.linspace(-0.1, 0.1, 15)}
     low = min(slopes, key=slopes.get)
@@ -190,7 +190,7 @@ def test_bad_input(axisymmetric, change, error):
 
 @pytest.mark.parametrize("middle", [0.0, 0.3])
 def test_a_position_may_leave_the_box_by_rounding_only(middle):
-    """A share of 1e-12 of the box, wherever that lies; what was a little outside is put on the wall."""
+    """A position may be outside by a share of 1e-12 of the box, at any place of the box; it is moved onto the wall."""
     lower, upper = (middle + side * np.array([0.02, 0.03, 0.05]) for side in (-1, 1))
     for corner, rounding in ((upper, 5e-14), (lower, -5e-14)):
         at_the_wall = check_position((lower, upper), corner + [rounding, 0.0, 0.0], "here")
@@ -206,8 +206,8 @@ def test_a_position_may_leave_the_box_by_rounding_only(middle):
 
 
 class Counted:
-    """A field with a box that counts the places at which it is asked for its gradient, and whose second gradient has a
-    part along x and y, of `skew` T/m^2, that no field has."""
+    """A field with a box that counts the places of its gradient evaluations. Its second gradient has an antisymmetric
+    part of `skew` T/m^2 in x and y, which no real field has."""
 
     def __init__(self, source, skew=0.0):
         self.source, self.skew, self.asked = source, skew, 0
@@ -233,7 +233,7 @@ def test_a_search_reports_what_it_did(axisymmetric):
     found = find_equilibrium(field, [current], PAYLOAD, start=[0.001, 0.002, 0.01])
     report, k = found.report, current * PAYLOAD.moment * c3
     assert (report.starts, report.converged) == (1, 1)
-    # Its stiffness is not asked for the gradient.
+    # The stiffness takes no evaluation of the gradient.
     assert report.evaluations == field.asked
     assert report.relative_residual == pytest.approx(np.linalg.norm(found.force_residual) / WEIGHT, rel=1e-9)
     stiffness = k * np.diag([3.0, 3.0, -6.0])
@@ -250,11 +250,11 @@ def test_starts_are_the_places_of_least_force_a_fifth_of_the_box_apart():
     line = 0.5 + 0.0105 * np.arange(-47, 48)
     grid = box[0] + line[:, None] * (box[1] - box[0])
     unbalance = np.abs(line - 0.499)
-    # From the middle outward, each farther than 0.2 from all before.
+    # From the middle outward, each start farther than 0.2 from all others.
     wanted = [0.5, 0.29, 0.71, 0.08, 0.92]
     found = best_starts(grid, unbalance, box)
     np.testing.assert_allclose(found, box[0] + np.array(wanted)[:, None] * (box[1] - box[0]))
-    # Along one side alone they are apart as well; there are at most eight.
+    # Starts may be apart along one side only; there are at most eight.
     corners = np.array(list(product((-1.0, 0.0, 1.0), (0.0, 4.0), (2.0, 3.0))))
     np.testing.assert_array_equal(best_starts(corners, np.arange(12.0), box), corners[:8])
 
@@ -266,7 +266,7 @@ def test_the_largest_step_of_a_force_is_that_of_the_gradient_times_the_moment_ov
 
 
 def test_an_aligned_moment_has_no_direction_where_there_is_no_field(axisymmetric):
-    """B = 2 c2 (-x / 2, -y / 2, z) vanishes at the origin, and the force with it."""
+    """B = 2 c2 (-x / 2, -y / 2, z) and the force vanish at the origin."""
     source = as_field(axisymmetric((0.0, 0.3, 0.0)))
     points = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -0.01], [0.01, 0.0, 0.0]])
     balance = magnet_balance(source, np.array([2.0]), PAYLOAD, None, "aligned")

@@ -1,7 +1,7 @@
 """Bodies of magnets of finite size above four coils, against their pull on the coils.
 
-The reference takes no volume rule: the closed field of each magnet (magpylib) acts on the windings, in a dense product
-of Gauss rules over their section and even angles around them; the magnets feel the opposite.
+The reference has no volume rule: the closed field of each magnet (magpylib) acts on the windings, in a dense product of
+Gauss rules over their section and even angles around them. The force on the magnets is the opposite.
 """
 
 from dataclasses import replace
@@ -77,7 +77,7 @@ def _windings(sections=8, angles=48):
 
 
 def pull(payload, position):
-    """Force (3, 4) of each ampere on the body centred at a position (3,), N/A."""
+    """Force (3, 4) per ampere of each coil on the body centred at a position (3,), N/A."""
     sources = magpylib.Collection()
     for piece in payload.pieces:
         shape, about = piece.shape, {"position": np.add(position, piece.placement.position)}
@@ -92,7 +92,7 @@ def pull(payload, position):
 
 @cache
 def height(name):
-    """Where a body of four-fold symmetry floats, m: its middle on the axis, above the place of most lift."""
+    """Height at which a body of four-fold symmetry floats, m: its middle on the axis, above the place of most lift."""
     payload = BODIES[name]
     middle = -magnetic_body(payload).points.mean(axis=0)
     weight = payload.mass * GRAVITY
@@ -109,12 +109,12 @@ def test_a_body_of_magnets_floats_where_the_coils_carry_it(name):
     for level in (1, 2, 3):
         found = find_equilibrium(FIELD, CURRENTS[name], replace(payload, volume_level=level), start=exact)
         off = np.linalg.norm(found.position - exact)
-        # The estimate is true: neither better nor worse than what is missing, to a third.
+        # The estimate is true to a third: neither smaller nor larger than the error.
         assert off == pytest.approx(found.volume_error, rel=0.35, abs=2e-9)
         words = "point dipole" if level == 1 else f"quadrature of level {level}"
         assert found.assumptions[0].startswith(f"magnets: {words}, error about ")
         offs.append(off)
-    # Of the disc, points in the middles are off by ten times what is asked for.
+    # Point dipoles of the disc are off by ten times the requested accuracy.
     assert offs[0] > (1e-3 if name == "stack" else 9e-4 if name == "disc" else 1e-5)
     assert offs[2] < 1e-8
 
@@ -144,14 +144,14 @@ def test_where_a_body_floats_on_a_map(opened):
     np.testing.assert_allclose(found.report.lower, low, atol=1e-9)
     with refused(OutsideMapError, where="lift_current(position)"):
         lift_current(opened, LOPSIDED, [*height("off the centre")[:2], low[2] - 1e-4])
-    # Rules are compared where each magnet is: an arm may lead out of the map.
+    # Rules are compared at the places of each magnet: an arm may lead out of the map.
     inside = [[0.0, 0.0, 0.045]]
     assert finite_magnet(FLAT, opened, 1e-3, inside).error < 1e-3
     with pytest.raises(OutsideMapError):
         finite_magnet(FLAT, opened, 1e-3, inside, arm=[0.1, 0.0, 0.0])
     force = magnetic_body(LOPSIDED, field=opened).wrench(opened, found.position, found.currents)[2]
     assert force == pytest.approx(LOPSIDED.mass * GRAVITY, rel=1e-4)
-    # A finer rule that leaves the map tells nothing.
+    # Where the finer rule leaves the map, there is no estimate.
     edge = lift_current(opened, fm.Payload(0.01, magnet=FLAT, volume_level=1), [0.0, 0.0, opened.lower[2]])
     assert np.isnan(edge.volume_error)
     assert edge.assumptions[0] == "magnets: point dipole, error not known"
@@ -181,7 +181,7 @@ def test_branches_stationary_points_and_sensitivity_of_a_disc():
     np.testing.assert_allclose(slopes.force_per_current, pull(DISC, at), rtol=1e-4, atol=1e-7)
     exact = np.linalg.solve(-np.transpose(change)[:2, :2], pull(DISC, at)[:2])
     np.testing.assert_allclose(slopes.at_held_height, exact, rtol=5e-3)
-    # Up by 2 mm with the lift held: the level that carries the disc at each height.
+    # Up by 2 mm with the lift held: the level carries the disc at each height.
     heights = at[2] + 1e-3 * np.arange(3)
     about = (FIELD, DISC, lambda z, level: (level * np.ones(4), z))
     branch = follow_equilibrium(*about, [0.0, 0.0], heights, 3.0, hold_height=True)
@@ -203,7 +203,7 @@ def test_a_surface_over_signals_is_that_of_the_disc():
 
 
 def test_a_calibration_by_a_disc_of_magnets():
-    """Readings of a rig whose force is 0.9 of the calculated one, the sensed point 12 mm above the disc's centre."""
+    """Readings of a rig with 0.9 of the calculated force and its sensed point 12 mm above the disc's centre."""
     heights = np.linspace(0.022, 0.040, 6)
     amperes = [DISC.mass * GRAVITY / (0.9 * pull(DISC, [0, 0, z])[2].sum()) for z in heights]
     readings = LiftReadings(heights + 0.012, np.outer(amperes, np.ones(4)), deviation=1e-3)
@@ -233,7 +233,7 @@ def test_lift_currents_by_height_of_bodies_larger_than_dipoles():
 
 
 def test_a_rule_is_chosen_where_the_body_will_be():
-    """Coils have no box: the places are told."""
+    """Coils have no box, so that places must be given."""
     coils = as_field(CoilSet(COILS))
     with refused(InputError, where="finite_magnet, places"):
         finite_magnet(FLAT, coils)
@@ -245,13 +245,13 @@ def test_a_rule_is_chosen_where_the_body_will_be():
     force = pull(DISC, place) @ EQUAL
     np.testing.assert_allclose(chosen.wrench(coils, place, EQUAL)[:3], force, atol=1e-4 * np.abs(force).max())
     assert chosen.error < 1e-4
-    # At its currents, a field needs no coil by itself.
+    # A field at fixed currents has no fields of single coils, and needs none.
     state = finite_magnet(FLAT, FIELD.at(EQUAL), 1e-4, [[0.0, 0.0, 0.03]])
     assert state.error < 1e-4
 
 
 def test_what_a_payload_says_of_its_magnets():
-    """Size counts for a shape that is no sphere, unless it is a point by name."""
+    """Size counts for every shape except a sphere, unless the payload asks for a point."""
     single = fm.Payload(0.01, magnet=FLAT)
     sphere = fm.Payload(0.01, magnet=fm.MagnetSphere(0.01, 1.3))
     moment = fm.Payload(0.01, moment=0.5)
@@ -266,7 +266,7 @@ def test_what_a_payload_says_of_its_magnets():
     ]
     assert [p.extended for p in (single, sphere, moment, bead, points)] == [True, False, False, True, False]
     assert [len(magnetic_body(p).points) for p in (single, points)] == [36, 1]
-    # Spheres are exact: nothing is estimated.
+    # Spheres are exact: the estimated error is zero.
     at = np.array([0.0, 0.0, 0.03])
     assert lift_current(FIELD, sphere, at).volume_error == 0.0
     assert lift_current(FIELD, sphere, at).assumptions[0] == "magnets: point dipole"

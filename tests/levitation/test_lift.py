@@ -1,4 +1,4 @@
-"""The current that carries the weight, against closed forms of fields and of the way they follow the current."""
+"""The current that carries the weight, against closed forms of fields and of their dependence on the current."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -51,7 +51,7 @@ def test_the_equilibrium_of_the_lift_current_is_where_it_was_asked_for(axisymmet
 
 
 class Law(Field):
-    """Fields g(i) B_1(x): the shape of one ampere, a current that saturates, and the currents that were solved."""
+    """Fields g(i) B_1(x): the field shape of one ampere, a saturating law g, and a list of the solved currents."""
 
     coil_names = ("only",)
 
@@ -82,7 +82,7 @@ class Law(Field):
 
 
 class UpTo(Law):
-    """The same, held up to a largest current."""
+    """The same field, defined up to a largest current."""
 
     def __init__(self, shape, law, largest):
         super().__init__(shape, law)
@@ -95,7 +95,7 @@ class UpTo(Law):
 
 
 def knee(slope):
-    """g(i) = i up to the knee at 0.6 NEEDED, then a lower slope: its inverse is known."""
+    """g(i) = i up to the knee at 0.6 NEEDED, and a lower slope beyond: the inverse is known."""
     corner = 0.6 * NEEDED
     return lambda i: i if i < corner else corner + slope * (i - corner)
 
@@ -106,7 +106,7 @@ def knee(slope):
         (lambda i: i, NEEDED),
         (knee(0.1), 0.6 * NEEDED + 0.4 * NEEDED / 0.1),
         (lambda i: 2 * NEEDED * np.tanh(i), np.arctanh(0.5)),
-        # A field that pulls the other way takes a negative current.
+        # A field of the other sense takes a negative current.
         (lambda i: -2 * NEEDED * np.tanh(i), -np.arctanh(0.5)),
         (lambda i: NEEDED * i**3, 1.0),
         (lambda i: i - 0.3 * NEEDED, 1.3 * NEEDED),
@@ -115,12 +115,12 @@ def knee(slope):
 )
 @pytest.mark.parametrize("first", [0.5, 1.0, 3.0])
 def test_the_inverse_of_the_law(axisymmetric, law, expected, first):
-    """Every state is told, and stands in the history."""
+    """Every state is reported as progress and stands in the history."""
     field, told = Law(axisymmetric(COEFFICIENTS), law), []
     lift = lift_current(field, PAYLOAD, POINT, None, first, 1e-6, lambda *state: told.append(state))
     assert lift.force[2] == pytest.approx(WEIGHT, rel=1e-6)
     assert lift.current == pytest.approx(expected, rel=1e-5)
-    # The slope is that to the nearest of the states that are a hundredth or more away.
+    # The slope is taken to the nearest state that is at least a hundredth away.
     history = np.array(lift.history)
     i, newtons = history[-1]
     far = [k for k in range(len(history) - 1) if abs(history[k, 0] / i - 1.0) >= 0.01]
@@ -137,7 +137,7 @@ def test_the_inverse_of_the_law(axisymmetric, law, expected, first):
     "payload", [PAYLOAD, Payload(mass=0.01119, pieces=[SHAPE])], ids=["moment", "pieces"]
 )
 def test_the_current_takes_the_sign_that_lifts(axisymmetric, payload, share):
-    """The magnet keeps its direction, whichever way the coil is wound; one that points down needs the other sign."""
+    """The magnet keeps its direction for either winding sense; a magnet that points down needs the other sign."""
     field = Law(axisymmetric(COEFFICIENTS), lambda i: 2 * NEEDED * np.tanh(i))
     lift = lift_current(field, payload, POINT, [share], 0.5, 1e-6)
     assert lift.currents == pytest.approx([np.arctanh(0.5)], rel=1e-4)
@@ -183,11 +183,11 @@ def test_force_per_ampere_is_the_slope_not_the_ratio(axisymmetric, payload):
 @pytest.mark.parametrize(
     ("tried", "following"),
     [
-        # Straight on: a secant inside the bracket, or, with no lift enough yet, at most three times as far.
+        # A secant step inside the bracket, or, without enough lift so far, at most three times the last current.
         ([(1.0, -0.5), (2.0, 0.5)], 1.5),
         ([(1.0, -0.5), (2.0, -0.4)], 6.0),
         ([(1.0, 0.5), (2.0, 0.6)], -4.0),
-        # A secant out of the bracket of the states next to the weight, however little they exceed it: half way.
+        # A secant that leaves the bracket of the states next to the weight: the middle of the bracket.
         ([(1.0, -0.5), (2.0, 0.5), (1.9, 0.6)], 1.5),
         ([(1.0, -0.5), (2.0, 0.0), (2.2, 0.1), (2.3, 0.05)], 1.5),
     ],
@@ -204,7 +204,7 @@ def test_lift_that_never_reaches_the_weight_ends(axisymmetric):
     (told,) = caught.value.problems
     assert len(field.states) == MAX_STATES
     assert f"within {MAX_STATES} states" in told.must_hold
-    # The last four, and the currents that they were solved at.
+    # The last four lifts and the currents of their states.
     last = [f"{PER_AMPERE * field.law(i) / WEIGHT:.4g} at {i:.4g} A" for i in field.states[-4:]]
     assert told.received.endswith(": " + ", ".join(last))
 
@@ -260,13 +260,13 @@ def test_a_current_beyond_the_field_says_how_far_it_came(axisymmetric):
         lift_current(field, PAYLOAD, POINT, first=NEEDED)
     (problem,) = caught.value.problems
     assert problem.where.startswith("lift_current at [0.0, 0.0, 20.0] mm")
-    # 0.6 + 0.5 (1 - 0.6) of the weight at what a straight law would need.
+    # The lift is 0.6 + 0.5 (1 - 0.6) of the weight at the current that a straight law would need.
     assert f"0.8 at {NEEDED:.4g} A" in problem.received
 
 
 @pytest.mark.parametrize(("weak", "lifts"), [(0.9e-3, False), (1.1e-3, True)], ids=["left out", "taken"])
 def test_a_combination_a_thousand_times_weaker_than_the_largest_is_left_out(weak, lifts):
-    """A coil that pushes along x alone, and one that hardly lifts."""
+    """One coil pushes along x only, one along y, and one hardly lifts."""
     force = np.diag([1.0, 0.5, weak])
     np.testing.assert_allclose(push_shares(force, 0), [1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(push_shares(force, 1), [0, 1, 0], atol=1e-12)
@@ -282,8 +282,8 @@ def test_a_combination_a_thousand_times_weaker_than_the_largest_is_left_out(weak
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_lift_may_push_sideways_and_a_signal_by_a_tenth_at_most(axis, sign):
-    """One coil with a force of 1 along an axis and a along another. By least squares it takes 1 / (1 + a^2), which
-    leaves a / (1 + a^2) there and a^2 / (1 + a^2) of what is wanted."""
+    """One coil has a force of 1 along an axis and a along another. By least squares it takes 1 / (1 + a^2), which
+    leaves a / (1 + a^2) along the other axis and a^2 / (1 + a^2) of the demand."""
     limit = 1.0 if axis == 2 else (1.0 - np.sqrt(0.96)) / 0.2
     for factor, holds in ((0.99, True), (1.01, False)):
         force = np.zeros((3, 1))
@@ -302,7 +302,7 @@ def test_a_lift_may_push_sideways_and_a_signal_by_a_tenth_at_most(axis, sign):
 
 @pytest.mark.parametrize("currents", [[0.0], [-2.0]])
 def test_force_per_ampere_about_currents_of_either_sign_and_none(axisymmetric, currents):
-    """m (i + i^3 / 3)' = m (1 + i^2), by differences over 1 % of the largest current, or of 1 A."""
+    """m (i + i^3 / 3)' = m (1 + i^2), by differences over 1 % of the largest current, or of 1 A at zero current."""
     field = Law(axisymmetric(COEFFICIENTS), lambda i: i + i**3 / 3.0)
     found = force_per_ampere(field, np.array([0.0, 0.0, 0.813]), np.array(POINT), np.array(currents))
     h = 0.01 * (abs(currents[0]) or 1.0)

@@ -1,4 +1,4 @@
-"""Where soft iron floats and what current carries it, against the force itself."""
+"""Equilibrium and lift current of soft iron, against the force itself."""
 
 import re
 from dataclasses import replace
@@ -43,7 +43,7 @@ def test_a_bead_floats_where_its_weight_is_carried(field):
     ahead, behind = (bead.wrench(field, found.position + s * steps, 10.0)[:, :3] for s in (1, -1))
     exact = -(ahead - behind).T / 2e-5
     np.testing.assert_allclose(found.stiffness, exact, atol=1e-4 * np.abs(exact).max())
-    # Braunbek: what is drawn to strong fields is never stable.
+    # Braunbek: a body that is drawn to strong fields is never stable.
     assert found.trace < 0.0
     np.testing.assert_allclose(found.moment, bead.induced_moment(field, found.position, 10.0)[0], rtol=1e-12)
     assert found.angle_to_field == pytest.approx(0.0, abs=1e-4)
@@ -51,7 +51,7 @@ def test_a_bead_floats_where_its_weight_is_carried(field):
 
 
 def test_what_one_dipole_leaves_out_of_a_bead(field):
-    """A result by one dipole states how far off it is, by six."""
+    """A result by one dipole states its error, here found with six dipoles."""
     six = replace(BEAD, soft_level=2)
     coarse, fine = (find_equilibrium(field, 10.0, bead) for bead in (BEAD, six))
     moved = np.linalg.norm(fine.position - coarse.position)
@@ -72,7 +72,7 @@ def test_the_current_that_carries_a_bead(field, depth):
     bead, step = magnetic_body(BEAD), 1e-4 * found.current
     ahead, behind = (bead.wrench(field, at, found.current + s * step)[:3] for s in (1, -1))
     np.testing.assert_allclose(found.force_per_ampere, (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-9)
-    # Far from saturation with the square of the current.
+    # Far from saturation the force goes with the square of the current.
     assert found.force_per_ampere[2] == pytest.approx(2 * weight / found.current, rel=1e-6)
     assert find_equilibrium(field, found.currents, BEAD, start=at).position == pytest.approx(at, abs=1e-7)
 
@@ -114,12 +114,12 @@ def off_centre(offset, mass=5e-3):
     return fm.Payload(mass, pieces=[fm.PayloadPiece(SPHERE, fm.Placement(tuple(offset)))])
 
 
-# Of the last two the centre itself lies outside the map, whose box is 32 mm wide and 40 mm high.
+# For the last two the centre lies outside the map's box of 32 mm width and 40 mm height.
 @pytest.mark.parametrize(
     "offset", [(0.004, -0.002, 0.003), (0.012, 0, 0), (0, 0, 0.03), (0, 0, -0.03), (0.05, 0, 0)]
 )
 def test_a_magnet_off_centre_floats_where_a_dipole_floats(offset):
-    """On a map, beyond whose box the magnet must not be asked for."""
+    """The magnet must not be evaluated beyond the box of the map."""
     m, alone = fm.open_map("sample"), fm.Payload(5e-3, magnet=SPHERE)
     at = find_equilibrium(m, 12.0, alone)
     found = find_equilibrium(m, 12.0, off_centre(offset))
@@ -171,7 +171,7 @@ def test_the_currents_that_are_missing_for_a_bead(field):
 
 
 def test_soft_iron_off_centre_is_not_turned_over(field):
-    """A bead 3 mm above the middle of its body, which no magnet turns: it floats where the bead alone does."""
+    """A bead 3 mm above the middle of its body, without a magnet to turn: it floats where the bead alone does."""
     offset = np.array([0.002, -0.001, 0.003])
     body = fm.Payload(2.6e-4, pieces=[fm.PayloadPiece(BEAD.pieces[0].shape, fm.Placement(tuple(offset)))])
     places = np.array([[0.0, 0.0, -0.02], [0.001, 0.0, -0.025]])
@@ -180,7 +180,7 @@ def test_soft_iron_off_centre_is_not_turned_over(field):
     )
     np.testing.assert_allclose(off.magnetic_force(places - offset), alone.magnetic_force(places), rtol=1e-9)
     np.testing.assert_allclose(off.arms, [offset])
-    # What the steps of a map are measured by is the largest moment that was met.
+    # The steps of a map are compared with the largest moment so far.
     moments = np.linalg.norm(alone.moments(places), axis=1)
     assert alone.magnitude == pytest.approx(moments.max(), rel=1e-9)
     assert off.evaluations == 2
@@ -188,7 +188,7 @@ def test_soft_iron_off_centre_is_not_turned_over(field):
 
 @pytest.mark.parametrize("model", ["fixed", "rigid upright"])
 def test_magnets_that_lean_are_as_large_as_the_sum_of_their_moments(field, model):
-    """Two spheres whose moments stand across each other."""
+    """Two spheres with perpendicular moments."""
     pieces = [
         fm.PayloadPiece(SPHERE, fm.Placement((x, 0.0, 0.0), rotation_matrix(angles)))
         for x, angles in ((-0.006, (0.0, 0.0, 0.0)), (0.006, (0.0, 90.0, 0.0)))
@@ -210,7 +210,7 @@ def test_above_a_coil_no_polarity_lifts_soft_iron(current, remedy):
 
 @pytest.mark.parametrize("soft", [(), BEAD.pieces])
 def test_beside_magnets_the_currents_that_are_missing_are_known_without_soft_iron_alone(field, soft):
-    """The lift of the magnets goes with the current, that of soft iron with its square."""
+    """The lift of the magnets goes with the current, the lift of soft iron with its square."""
     with pytest.raises(NoEquilibrium) as caught:
         find_equilibrium(field, 0.01, fm.Payload(0.5, pieces=[SPHERE, *soft]))
     assert ("times" in caught.value.problems[0].remedy) is not bool(soft)

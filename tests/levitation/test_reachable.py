@@ -1,4 +1,4 @@
-"""Reachable sets: against random currents, all corners of the box, closed forms of volumes, a magnet's own force."""
+"""Reachable sets against random currents, all corners of the box, closed forms of volumes, and a magnet's force."""
 
 from dataclasses import replace
 from itertools import combinations, product
@@ -39,7 +39,7 @@ def test_corners_are_those_of_all_corners_of_the_box(count):
     # n (n - 1) parallelograms, two triangles each, and Euler's formula.
     assert len(triangles) == 2 * count * (count - 1)
     assert len(corners) == count * (count - 1) + 2
-    # Shephard: the sum of the determinants of all threes.
+    # Shephard: the volume is the sum of the determinants of all triples.
     threes = np.array(list(combinations(directions * (upper - lower)[:, None], 3)))
     assert volume == pytest.approx(np.abs(np.linalg.det(threes)).sum(), rel=1e-9)
 
@@ -55,7 +55,7 @@ def test_triangles_face_outward(size):
 @pytest.mark.parametrize("size", [1e-3, 1e3])
 @pytest.mark.parametrize("count", [3, 6])
 def test_many_directions_in_one_plane(count, size):
-    """Hexagonal prisms: three or six coils on a circle pull within a plane, one along its axis. In any unit."""
+    """Hexagonal prisms, in any unit: three or six coils on a circle pull within a plane, one coil along its axis."""
     angle = np.arange(count) * np.pi / 3
     plane = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
     directions, ends = size * np.vstack([plane, [0, 0, 2.0]]), np.ones(count + 1)
@@ -75,7 +75,7 @@ def test_flat_sets_have_no_volume():
     assert flat[2] == 0.0
     assert flat[0].max() == 2.0
     assert not len(flat[1])
-    # Corners of a hexagon, and what the coils cannot move at all.
+    # The corners of a hexagon; then a set without freedom is a point.
     assert len(flat[0]) == 6
     point = zonotope([[1.0, 2.0, 3.0], [0.5, 0.0, 1.0]], [1.0, 2.0], [1.0, 2.0])
     assert (point[0].tolist(), point[2]) == ([[2.0, 2.0, 5.0]], 0.0)
@@ -83,7 +83,7 @@ def test_flat_sets_have_no_volume():
 
 @pytest.mark.parametrize(("thickness", "flat"), [(3e-10, True), (3e-9, False)])
 def test_a_set_thinner_than_a_billionth_of_its_length_is_flat(thickness, flat):
-    """A box of 2 by 2 by some 1e-9: to its length of 2 the thickness is the same share as of the singular values."""
+    """A box of 2 by 2 by about 1e-9: the thickness over the length of 2 equals the ratio of singular values."""
     volume = zonotope(np.diag([1.0, 1.0, thickness]), -np.ones(3), np.ones(3))[2]
     assert volume == pytest.approx(0.0 if flat else 8.0 * thickness, rel=1e-6)
 
@@ -93,7 +93,7 @@ PER_AMPERE = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.0], [0.0, 0.0, 2.0]])
 
 @pytest.fixture
 def three_of_one_volt():
-    """Three coils that make PER_AMPERE, beside what none of them drives."""
+    """Three coils of fields PER_AMPERE, and a constant field."""
     lower, upper, constant = (
         np.array([-1.0, 1.0, -3.0]),
         np.array([2.0, 2.0, -1.0]),
@@ -121,7 +121,7 @@ def test_coils_that_do_not_matter_carry_as_little_as_they_may(three_of_one_volt,
 
 @pytest.mark.parametrize(("off", "inside"), [(0.9e-9, True), (1.1e-9, False)])
 def test_what_is_outside_by_rounding_is_inside(three_of_one_volt, off, inside):
-    """A billionth of the longest side, which is 0.5 (3) + 2 (2) along z."""
+    """The tolerance is a billionth of the longest side, which is 0.5 (3) + 2 (2) along z."""
     top = three_of_one_volt.at([0.0, 2.0, -2.0])
     assert three_of_one_volt.holds([top, top + [0.0, 5.5 * off, 0.0]]).tolist() == [True, inside]
     with refused(InputError, where="ReachableSet.holds"):
@@ -186,7 +186,7 @@ def test_wrong_limits(coils, limits):
 
 
 def test_a_payload_in_the_place_of_a_moment(coils):
-    """Everything that takes a moment says what to give."""
+    """Every function that takes a moment names the conversion as its remedy."""
     at, payload = np.array([0.0, 0.0, -0.09]), Payload(mass=1e-3, moment=0.8)
     asked = (
         lambda: reachable(coils, at, 1.0, payload),
@@ -197,7 +197,7 @@ def test_a_payload_in_the_place_of_a_moment(coils):
     for ask in asked:
         with refused(InputError, remedy="magnetic_body(payload)"):
             ask()
-    # Which does.
+    # The remedy works.
     assert coils.wrench(at, magnetic_body(payload), 1.0)[2] == pytest.approx(
         coils.wrench(at, [0, 0, 0.8], 1.0)[2]
     )

@@ -43,12 +43,12 @@ def field(file):
 
 @pytest.fixture(scope="module")
 def alone(file):
-    """The same without the reaction."""
+    """The same map without the reaction."""
     return fm.open_map(file, reaction=False)
 
 
 def wrenches(field, payload, places, current):
-    """Force (n, 3), N, on the payload as it stands, by the map's own wrench; a free one has no torque."""
+    """Force (n, 3), N, on the payload by the map's own wrench; a free payload is at the moment without torque."""
     if payload.turning != "free":
         return magnetic_body(payload).wrench(field, places, [current])[:, :3]
     flux = field.field(places, [current])
@@ -57,7 +57,7 @@ def wrenches(field, payload, places, current):
 
 
 def free_moment(field, place, flux, size):
-    """Of least energy -m . B - m . A m / 2: (l - A) m = B in the axes of A, with |m| = size for the largest l."""
+    """The moment of least energy -m . B - m . A m / 2: (l - A) m = B in the axes of A, |m| = size for the largest l."""
     strength, axes = np.zeros(3), np.eye(3)
     if field.reaction is not None:
         b = field.reaction.fields(place[None])[0][:, 0]
@@ -73,7 +73,7 @@ def free_moment(field, place, flux, size):
 
 
 def stated(result):
-    """What a result says of the reaction."""
+    """The words on the reaction in a result."""
     return [words for words in result.assumptions if "reaction" in words]
 
 
@@ -109,7 +109,7 @@ def test_the_iron_carries_two_fifths_of_the_weight_without_currents(field, alone
 @pytest.mark.parametrize("payload", [MAGNET, DIPOLE, DOWN, FREE], ids=["magnet", "dipole", "down", "free"])
 @pytest.mark.parametrize("height", [-0.0195, -0.0253])
 def test_the_current_carries_the_rest(field, alone, payload, height):
-    """Against the core the coil pushes down; a free magnet turns with the field, which then pulls it up."""
+    """Near the core the coil pushes down; a free magnet turns with the field, which then pulls it up."""
     if payload is FREE and height > -0.021:
         with pytest.raises(NotConverged):
             lift_current(field, payload, [0.0, 0.0, height], first=CURRENT)
@@ -156,7 +156,7 @@ def test_the_state_of_a_map_has_the_reaction(field):
 
 
 def test_a_scale_of_the_field_leaves_the_reaction_as_it_is(field, alone):
-    """Lifts of a machine whose coil is stronger by a factor, which is found again."""
+    """Lifts of a machine with a coil that is stronger by a factor: the fit returns the factor."""
     heights = np.linspace(-0.035, -0.024, 5)
     places = np.column_stack([np.zeros((5, 2)), heights])
     drawn = wrenches(field, MAGNET, places, 0.0)[:, 2]

@@ -1,4 +1,4 @@
-"""Searched reachable sets: against the exact set where all is linear, brute force, a bound from duality, scaling."""
+"""Searched reachable sets against the exact set of linear fields, brute force, a duality bound, and scaling."""
 
 from functools import cache
 from itertools import product
@@ -52,7 +52,7 @@ def test_the_exact_set_where_all_is_linear(linear, moment):
     assert found.quantity == exact.quantity
     for direction, value in zip(found.directions, found.values, strict=True):
         assert value @ direction == pytest.approx(exact.largest_along(direction), rel=1e-6)
-    # The hull of 134 of its corners.
+    # The set is the hull of 134 of the exact set's corners.
     assert 0.8 * exact.volume < found.volume <= exact.volume * (1 + 1e-9)
 
 
@@ -72,7 +72,7 @@ SPHERE, BEAD_AT = SoftSphere(4e-4, mu_r=50.0), np.array([0.004, -0.003, -0.1])
 
 
 def reached(found):
-    """How far the set reaches along each of its directions."""
+    """The extent of the set along each of its directions."""
     return np.einsum("di,di->d", found.values, found.directions)
 
 
@@ -85,8 +85,8 @@ def forces_by_pairs(field):
 
 
 def upper_bound(square, limit):
-    """Largest I Q I of currents within a limit is sum(d) limit^2 at most, for d >= 0 with diag(d) - Q positive (N. Z.
-    Shor, Quadratic optimization problems, 1987); the least of these is searched, each is one."""
+    """sum(d) limit^2 bounds I Q I for all currents within a limit, for every d >= 0 with diag(d) - Q positive (N. Z.
+    Shor, Quadratic optimization problems, 1987); the least of these bounds is searched."""
     size = np.abs(square).max()
 
     def bound(d):
@@ -116,8 +116,8 @@ def test_soft_iron_in_linear_fields(linear):
 
 
 def test_what_one_direction_finds_is_known_to_all():
-    """Of eight coils in air and a bead, whose force has many local optima: none of the values found reaches further
-    along a direction than its own."""
+    """Eight coils in air and a bead, with many local optima of the force: no value of another direction reaches further
+    along a direction than its own value."""
     coils = fm.read_device("eight_coils_bead").replace(bodies=(), materials={}, payload=None)
     found = reachable(fm.solve_linear(coils), (5e-3, -3e-3, 6e-3), 2.0, magnetic_body(SPHERE))
     own = reached(found)
@@ -127,7 +127,7 @@ def test_what_one_direction_finds_is_known_to_all():
 
 @pytest.mark.parametrize("limit", [1.6, 4.0])
 def test_a_division_of_saturating_iron(division, within, limit):
-    """Against a grid of its signals: none of it reaches further, and no limit is passed."""
+    """Against a grid of its signals: no point of the grid reaches further, and no limit is passed."""
     found = within(limit)
     domain = division.info.reduced_model.domain
     lift, x, y = (np.linspace(*ends, 9) for ends in zip(domain.lower, domain.upper, strict=True))
@@ -141,7 +141,7 @@ def test_a_division_of_saturating_iron(division, within, limit):
     size = np.ptp(forces, axis=0).max()
     assert len(grid) > 50
     assert (reached(found) > along - 1e-9 * size).all()
-    # Nor much further: the grid is near everywhere.
+    # The search does not reach much further either: the grid is near everywhere.
     assert (reached(found) < along + 0.02 * size).all()
     assert np.abs(found.currents).max() <= limit * (1 + 1e-8)
     made = division.wrench(np.tile(PLACE, (len(found.currents), 1)), MOMENT, found.currents)[:, :3]
@@ -160,14 +160,13 @@ def test_free_currents_of_saturating_iron():
     flux = np.array([field.field(PLACE[None], row)[0] for row in every])
     size = np.ptp(flux, axis=0).max()
     assert (reached(found) > (flux @ found.directions.T).max(axis=0) - 1e-6 * size).all()
-    # Beyond the currents of the map nothing is asked of it.
+    # The map is not evaluated beyond its currents.
     assert np.abs(reachable(field, PLACE, 9.0).currents).max() == 3.0
 
 
 @pytest.fixture(scope="module")
 def solved():
-    """A core that saturates and a magnet, with two coils, a place beside them, and states on a grid of their
-    currents."""
+    """A core that saturates and a magnet, with two coils; a place beside them; and states on a grid of currents."""
     solver = NonlinearSolver(core_beside_magnet(Arctangent("steel", 2000.0, 2.0)), 0.5)
     states: list = []
     for row in product(np.linspace(-60.0, 60.0, 5), np.linspace(-40.0, 40.0, 3)):
@@ -177,7 +176,7 @@ def solved():
 
 @pytest.mark.parametrize("moment", [None, MOMENT])
 def test_a_solved_device_of_saturating_iron(solved, moment):
-    """Each currents are solved for: against a grid of solved states; none that the search asked for is kept."""
+    """Against a grid of solved states; the solver keeps no state that the search solved."""
     solver, place, states = solved
     told = []
     found = reachable(solver, place, [60.0, 40.0], moment, progress=lambda _, share: told.append(share))
@@ -193,7 +192,7 @@ def test_a_solved_device_of_saturating_iron(solved, moment):
     size = np.ptp(values, axis=0).max()
     assert (reached(found) > (values @ found.directions.T).max(axis=0) - 1e-3 * size).all()
     assert (np.abs(found.currents) <= [60.0, 40.0]).all()
-    # Iron that saturates gives less than its slopes without currents promise.
+    # Saturating iron gives less than its slopes at zero current predict.
     none = solver.by_currents(place, [0.0, 0.0])
     slopes = none[2][:, 2] if moment is None else none[3][:, :, 2] @ moment
     start = none[0][2] if moment is None else moment @ none[1][:, 2]
@@ -210,7 +209,7 @@ class Squares(Field):
     def __init__(self, count, seed):
         squares = np.random.default_rng(seed).normal(size=(3, count, count))
         self.squares = squares + squares.swapaxes(1, 2)
-        # Convex along each current by itself.
+        # Each square is convex in each single current.
         self.squares[:, range(count), range(count)] = np.abs(self.squares[:, range(count), range(count)])
         self.coil_names = tuple("abcdefgh"[:count])
 
@@ -230,7 +229,7 @@ class Squares(Field):
 
 @pytest.mark.parametrize(("count", "seed"), [(5, 2), (6, 1)])
 def test_no_currents_on_a_grid_reach_further(count, seed):
-    """Of squares of the currents, which have many local optima; of other numbers a search may end at one."""
+    """Squares of the currents have many local optima; with other numbers a search may end at one."""
     field, limits = Squares(count, seed), np.array([[-1.0] * count, [1.0] * count])
     found = reachable(field, np.zeros(3), limits)
     grid = np.array(list(product(np.linspace(-1.0, 1.0, 5), repeat=count)))
@@ -269,7 +268,7 @@ def test_limits_that_leave_nothing(division):
 
 @pytest.mark.parametrize("count", [26, 128])
 def test_directions_are_unit_vectors_that_cover_the_sphere_evenly(count):
-    """The mean of n n^T over a sphere is a third; each direction has a cap of its own, 4 pi / count in area."""
+    """The mean of n n^T over a sphere is a third; each direction has a cap of 4 pi / count in area."""
     directions = even_directions(count)
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, rtol=1e-12)
     np.testing.assert_array_equal(directions[:6], np.concatenate([np.eye(3), -np.eye(3)]))

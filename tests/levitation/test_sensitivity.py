@@ -14,7 +14,7 @@ PAYLOAD = Payload(mass=0.01119, moment=0.813)
 
 @pytest.fixture
 def three_coils(polynomial_field, vertical_part):
-    """B_z at z = 0: coil 0 -100 (x^2 + 2 y^2) and lift, coil 1 x + 8 x^3, coil 2 y + x y."""
+    """B_z at z = 0: coil 0 -100 (x^2 + 2 y^2) and lift, coil 1 x + 8 x^3, coil 2 y + 20 x y."""
     bowl, along_x, along_y = np.zeros((3, 3)), np.zeros((4, 1)), np.zeros((2, 2))
     bowl[2, 0], bowl[0, 2] = -100.0, -200.0
     along_x[1, 0], along_x[3, 0] = 1.0, 8.0
@@ -49,7 +49,7 @@ def test_with_the_lift_held_all_currents_answer(three_coils):
     left = []
     for t in (0.02, 0.01):
         changed = CURRENTS + t * way
-        # Lift is in proportion to the currents here: scale them until it is what it was, at the new place.
+        # Lift is in proportion to the currents here: they are scaled until the lift at the new place is the old lift.
         for _ in range(20):
             there = place(three_coils, changed)
             changed = changed * lift / three_coils.gradient(there[None], changed)[0, 2, 2]
@@ -59,7 +59,7 @@ def test_with_the_lift_held_all_currents_answer(three_coils):
 
 @pytest.mark.parametrize("step", [None, 0.3])
 def test_with_the_lift_held_neither_push_nor_lift_changes_to_first_order(three_coils, step):
-    """At the moved place and the scaled currents; the field is linear in these, so no step of theirs matters."""
+    """At the moved place and the scaled currents. The field is linear in the currents, so the step does not matter."""
     at = place(three_coils, CURRENTS)
     found = equilibrium_sensitivity(three_coils, CURRENTS, PAYLOAD, at, step=step)
     force = three_coils.gradient(at[None], CURRENTS)[0, 2]
@@ -93,7 +93,7 @@ def test_at_a_fold_there_is_no_derivative(polynomial_field):
     field = polynomial_field([lifting_above(flat, 0.14)])
     with pytest.raises(InputError, match="fold"):
         equilibrium_sensitivity(field, [1.0], PAYLOAD, np.zeros(3))
-    # Beside it there is one.
+    # Next to the fold the derivative exists.
     equilibrium_sensitivity(field, [1.0], PAYLOAD, np.array([1e-5, 0.0, 0.0]))
     with refused(InputError, where="equilibrium_sensitivity(step)"):
         equilibrium_sensitivity(field, [1.0], PAYLOAD, np.array([1e-5, 0.0, 0.0]), step=0.0)

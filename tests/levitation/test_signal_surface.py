@@ -1,4 +1,4 @@
-"""Equilibria over both signals, where the magnet comes to rest at the centroid of the currents."""
+"""Equilibria over both signals, for coils that hold the magnet at the centroid of the currents."""
 
 from dataclasses import replace
 
@@ -19,8 +19,8 @@ SIGNALS = np.array([-0.2, -0.1, 0.0, 0.1, 0.2])
 
 
 def wells(places=PLACES, sign=1.0):
-    """Coil k at r_k of places (n, 2), m: Bz = 0.1 z + 2 (z^2 - (r - r_k)^2 / 2) per ampere, so that it draws a moment
-    m there with 2 m per A."""
+    """Coil k at r_k of places (n, 2), m: Bz = 0.1 z + 2 (z^2 - (r - r_k)^2 / 2) per ampere, which draws a moment m to
+    r_k with 2 m per A."""
     potentials = []
     for x, y in places:
         g = np.zeros((3, 3))
@@ -31,7 +31,7 @@ def wells(places=PLACES, sign=1.0):
 
 
 def centroid(x, y, n):
-    """Of the currents of `LiftAndDirections`."""
+    """The centroid of the currents of `LiftAndDirections`."""
     corner = {1: (1 - x) * (1 - y), 3: (1 - x) * (1 + y), 4: (1 + x) * (1 - y), 6: (1 + x) * (1 + y)}
     rest = 6.0 - sum(corner.values())
     shares = corner | {2: rest * (1 - n * x) / 2, 5: rest * (1 + n * x) / 2}
@@ -44,7 +44,7 @@ def test_the_magnet_rests_at_the_centroid_of_the_currents(held):
     found = equilibrium_surface(wells(), PAYLOAD, *signals, 1.5, -0.01, division, held)
     expected = [[centroid(x, y, 1.25) for y in signals[1]] for x in signals[0]]
     np.testing.assert_allclose(found.positions[..., :2], expected, atol=1e-8)
-    # The lift is the same for every division of one sum, so the held level does not move.
+    # The lift depends on the sum of the currents only, so the held level does not move.
     np.testing.assert_allclose(found.levels, 1.5, rtol=1e-6)
     np.testing.assert_allclose(found.positions[..., 2], -0.01)
     assert found.stable.all()
@@ -55,7 +55,7 @@ def test_the_magnet_rests_at_the_centroid_of_the_currents(held):
 
 
 def test_a_map_for_a_division_is_asked_for_its_own_signals():
-    """The parametrisation of the field itself, unless shares ask for others."""
+    """The field's own parametrisation counts, unless shares are given."""
     field = as_field(wells())
     field.parametrisation = LiftAndDirections(1.4)
     found = equilibrium_surface(field, PAYLOAD, [0.1, 0.0], [0.0, -0.2], 1.5, -0.01)
@@ -78,7 +78,7 @@ SQUARE = 0.02 * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
 
 @pytest.mark.parametrize("places", [SQUARE, RING], ids=["4 coils", "7 coils"])
 def test_any_number_of_coils_pushes_with_least_power(places):
-    """Coils about the axis: c_x is in proportion to their x, and the centroid of the currents moves along x alone."""
+    """Coils about the axis: c_x is in proportion to their x, and the centroid of the currents moves along x only."""
     found = equilibrium_surface(wells(places), PAYLOAD, SIGNALS, SIGNALS, 1.5, -0.01)
     slope = (places**2).sum(axis=0) / np.abs(places).max(axis=0) / len(places)
     expected = slope * np.stack(np.meshgrid(SIGNALS, SIGNALS, indexing="ij"), axis=-1)
@@ -86,7 +86,7 @@ def test_any_number_of_coils_pushes_with_least_power(places):
     np.testing.assert_allclose(found.levels, 1.5, rtol=1e-6)
     lift = 0.8 * len(places) * 1.5 * (0.1 - 0.04)
     assert found.field_scale == pytest.approx(0.011 * 9.80665 / lift)
-    # Coils that pull down a magnet that points up hold one that points down, and push it the same way.
+    # Coils of the other sense hold a magnet that points down, and push it the same way.
     below = replace(PAYLOAD, direction="down")
     turned = equilibrium_surface(wells(places, -1.0), below, SIGNALS, SIGNALS, 1.5, -0.01)
     np.testing.assert_allclose(turned.positions, found.positions, atol=1e-8)

@@ -48,7 +48,7 @@ def nine_points(polynomial_field, vertical_part):
 def test_all_nine_points_with_their_kinds(nine_points):
     found = stationary_points(nine_points, [1.0, 1.0], PAYLOAD, 0.0)
     assert (found.boundary_index, found.complete) == (1, True)
-    # The count of turns does not depend on the points: one that is missing is noticed.
+    # The count of turns does not depend on the points: it reveals a missing point.
     assert not replace(found, points=found.points[:-1]).complete
     assert [len(found.of(kind)) for kind in ("stable", "saddle", "unstable")] == [4, 4, 1]
     away = [np.hypot(*(p.position[:2] - 0.5 * (found.lower + found.upper)[:2])) for p in found.points]
@@ -92,7 +92,7 @@ def test_newton_ends_at_the_zero_in_the_window_and_nowhere_beside_it(inside, axi
 
 
 def stepping(jump):
-    """A balance whose force steps over zero at x = 0, so that Newton's steps go to and fro by a jump, m."""
+    """A balance with a force that steps over zero at x = 0, so that Newton's steps alternate by a jump, m."""
     stiffness = np.diag([2.0, 2.0, -4.0])
 
     def force(at):
@@ -114,7 +114,7 @@ def test_a_force_that_steps_over_zero_is_taken_for_zero_where_the_step_is_below_
 def test_a_grid_is_halved_twice_until_the_points_account_for_the_turns(
     polynomial_field, vertical_part, samples, complete
 ):
-    """Nine points within 2 mm of a window of 40 mm; of 8 squares to a side, 32 find them all, and of 2 no 8."""
+    """Nine points within 2 mm of a window of 40 mm: 8 squares a side, halved to 32, find all; 2 do not."""
     g = np.zeros((5, 5))
     g[:, 0] += potential_of((-0.003, -0.002, -0.001))
     g[0, :] += potential_of((0.01, 0.011, 0.012))
@@ -145,8 +145,8 @@ FOLD_PUSH = STRENGTH * 2.0 * 0.01**3 / (3.0 * np.sqrt(3.0)) / 1e-3
 
 
 def test_a_branch_is_followed_round_its_folds(pushed):
-    """From the left well the push grows until the well is gone; the branch turns back there, passes the middle as a
-    saddle and reaches the right well."""
+    """From the left well the push grows until the well vanishes at a fold; the branch turns back, passes the middle as
+    a saddle and reaches the right well."""
     stops = np.linspace(0.0, 1.5 * FOLD_PUSH, 4)
     found = follow_equilibrium(pushed, PAYLOAD, pushing, [-0.01, 0.0], stops, level=1.0)
     assert [point.kind for point in found.at_stops] == ["stable", "stable"]
@@ -161,7 +161,7 @@ def test_a_branch_is_followed_round_its_folds(pushed):
 @pytest.mark.parametrize("way", [-1.0, 1.0])
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_branch_ends_at_each_edge_of_the_box(polynomial_field, vertical_part, axis, way):
-    """A spring in the plane, and a push that grows: the branch leaves the box where the spring balances it."""
+    """A spring in the plane, and a push that grows: the branch leaves the box where the spring balances the push."""
     spring, push = np.zeros((3, 3)), np.zeros((2, 2, 2))
     spring[2, 0] = spring[0, 2] = -20.0
     push[(1, 0)[axis], (0, 1)[axis], 1] = way * 1e-3
@@ -218,7 +218,7 @@ def test_a_branch_has_the_heights_and_levels_of_its_path(polynomial_field, verti
 
 
 def test_where_no_place_is_near_the_search_tells_where_it_ended(polynomial_field, vertical_part):
-    """B_z = 2 x - 20 x^2 - 20 y^2: no push at x = 50 mm, and the box ends at 20. Of B_z = x no place is any better."""
+    """B_z = 2 x - 20 x^2 - 20 y^2 has no push at x = 50 mm, and the box ends at 20; B_z = x pushes alike everywhere."""
     springy, uniform = np.zeros((3, 3)), np.zeros((2, 1))
     springy[1, 0], springy[2, 0], springy[0, 2], uniform[1, 0] = 2.0, -20.0, -20.0, 1.0
     about = PAYLOAD, lambda u: (np.ones(1), 0.0), [0.003, 0.0], 1.25
@@ -244,7 +244,7 @@ def test_a_level_that_is_sought_moves_by_a_quarter_at_most_in_a_step(pushed, beg
     point, level = equilibrium_at(pushed, PAYLOAD, path, [0.0101, 0.0], begin, True, 2.5)
     assert level == pytest.approx(0.4, rel=1e-8)
     assert point.position[:2] == pytest.approx([0.01, 0.0], abs=1e-9)
-    # Of each round but for the differences of a thousandth.
+    # Each round, without the differences of a thousandth.
     ratios = [b / a for a, b in pairwise(asked) if abs(b / a - 1.0) > 3e-3]
     assert least - 2e-3 < min(ratios)
     assert max(ratios) < most + 2e-3
@@ -275,7 +275,7 @@ def tilted(polynomial_field):
 
 
 def test_a_rigid_magnet_in_a_linear_field_is_an_aligned_dipole(polynomial_field):
-    """Its volume's mean of B is B at the centre, and of (grad B)^T M the same: exact."""
+    """The volume means of B and of (grad B)^T M are their values at the centre: exact."""
     source, places = tilted(polynomial_field), np.array([[0.003, -0.002, 0.004], [0.0, 0.005, -0.006]])
     about = (source, np.ones(1), WITH_MAGNET, places[0])
     rigid, aligned = (magnet_balance(*about, moment) for moment in ("rigid", "aligned"))
@@ -298,7 +298,7 @@ def test_a_rigid_upright_magnet_feels_its_size(polynomial_field, vertical_part):
 
 
 def test_a_low_centre_of_mass_uprights_the_magnet(polynomial_field):
-    """n is parallel to m B + w l e_z."""
+    """The axis n is parallel to m B + w l e_z."""
     source, place, lever = tilted(polynomial_field), np.zeros((1, 3)), 0.05
     balance = magnet_balance(source, np.ones(1), WITH_MAGNET, place[0], "rigid", lever)
     expected = WITH_MAGNET.moment * source.field(place, np.ones(1))[0] + [0.0, 0.0, WEIGHT * lever]
@@ -306,7 +306,7 @@ def test_a_low_centre_of_mass_uprights_the_magnet(polynomial_field):
 
 
 def test_a_rigid_magnet_is_turned_by_rotations_and_reaches_as_far_as_its_farthest_point(polynomial_field):
-    """Whatever way its axis points, up and down; 0.2 mm beyond it forces are differenced."""
+    """For axes of any direction, up and down; forces are differenced over 0.2 mm beyond the farthest point."""
     given, points = [], np.array([[0.001, 0.0, 0.0], [0.0, 0.003, 0.004], [0.0, 0.002, 0.0]])
 
     def wrench(source, places, currents, frames):

@@ -1,4 +1,4 @@
-"""Unknowns found from readings that are linear in them: everything stated has a closed form of linear algebra."""
+"""Unknowns found from readings that are linear in them: every stated number has a closed form of linear algebra."""
 
 from types import SimpleNamespace
 
@@ -9,7 +9,7 @@ from fieldmap.errors import InputError
 from fieldmap.levitation.unknowns import Unknown, find_unknowns
 
 A, B = Unknown("a", 3.0), Unknown("b", -40.0, prior=(-45.0, 8.0), step=2.0)
-# Of what is read in two tables, by the unknowns; the last is predicted.
+# Slopes of the readings in two tables by the unknowns; the last table is predicted.
 SLOPES = (np.array([[1.0, 0.1], [2.0, -0.3], [-1.0, 0.2], [0.5, 0.4]]), np.array([[1.0, 1.0], [3.0, -2.0]]))
 READ = (np.array([1.2, 15.0, np.nan, -18.0]), np.array([-40.0, 90.0]))
 DEVIATION = (np.array([0.5, 0.25, 1.0, 2.0]), 3.0)
@@ -78,7 +78,7 @@ def test_one_process_computes_all_tables_of_a_place_at_once_and_workers_each_by_
 
 @pytest.mark.parametrize(("end", "side"), [("upper", 1.0), ("lower", -1.0)])
 def test_a_fit_that_ends_at_a_bound_says_so(end, side):
-    """a = side 9 is measured and side 5 allowed: derivatives are taken to the inner side there."""
+    """a = side 9 is measured and side 5 is allowed: there derivatives are taken to the inner side."""
     table = SimpleNamespace(name="used", measured=[9.0 * side], deviation=0.5)
     one = Unknown("a", 4.0 * side, **{end: 5.0 * side}, step=0.1)
     inside = []
@@ -123,7 +123,7 @@ def test_what_is_known_no_better_than_its_own_size_is_indistinct(deviation, indi
 @pytest.mark.parametrize(("part", "names"), [(0.19, ("b",)), (0.21, ("a", "b"))])
 @pytest.mark.parametrize(("weak", "alike"), [(2e-6, False), (5e-7, True)])
 def test_who_belongs_to_a_combination_that_is_not_held(part, names, weak, alike):
-    """Two combinations of unknowns of size 10 and 0.1, in units of their sizes, of which one is hardly read."""
+    """Two combinations of unknowns of size 10 and 0.1, in units of their sizes; one is hardly measured."""
     size, along = np.array([10.0, 0.1]), np.array([part, np.sqrt(1 - part**2)])
     across, truth = along[::-1] * [1, -1], np.array([10.0, 0.1])
     slopes = np.array([across, weak * along]) / size

@@ -48,7 +48,7 @@ def dipole_map(cells, n_coils=3):
 
 
 class Loops(Field):
-    """Loops of so many ampere turns, of these radii and centres, m."""
+    """Loops with the same ampere turns at 1 A; loops: radius and centre of each, m."""
 
     proportional = affine = True
     coil_names = ()
@@ -89,7 +89,7 @@ def coarse():
 
 @pytest.fixture(scope="session")
 def dipoles():
-    """The closed forms and the numbers that the maps are made of."""
+    """The closed forms and the data that the maps are made of."""
     from types import SimpleNamespace
 
     return SimpleNamespace(

@@ -1,4 +1,4 @@
-"""What an ampere does where iron saturates: the derivative of the map by its currents, and compiled lookups at any."""
+"""Actuation of saturating iron: the derivative of the map by its currents, and compiled lookups at any currents."""
 
 from dataclasses import replace
 
@@ -31,7 +31,7 @@ POINTS, MODES = 20, 3
 
 @pytest.fixture(scope="module")
 def data(dipoles):
-    """One dipole as a coil, two as fields of iron that saturates at half an ampere."""
+    """A map of one dipole as the coil's field and two dipoles as fields of iron that saturates at half an ampere."""
     rng = np.random.default_rng(7)
     linear, knots = dipoles.map((6, 5, 6)), np.array([0.0, 1e-3, 3e-3])
     model = ReducedModel(
@@ -86,7 +86,7 @@ def test_rows_are_tangent_to_the_map(m):
         left.append(np.abs(there - rows_of(m, CURRENTS) - t * found.matrix[:, 0]) / np.abs(there).max())
     orders = np.log2(np.linalg.norm(left[:-1], axis=1) / np.linalg.norm(left[1:], axis=1))
     assert np.all(np.abs(orders[:3] - 2.0) < 0.3)
-    # The iron saturates: an ampere at the origin does something else.
+    # The iron saturates: the derivative at the origin is another.
     origin = m.actuation(PLACE, [0.0], MOMENT)
     assert np.linalg.norm(origin.matrix - found.matrix) > 0.01 * np.linalg.norm(found.matrix)
 
@@ -165,8 +165,8 @@ BODY = magnetic_body(
 
 @pytest.fixture(scope="module")
 def in_compiled_code(m):
-    """The wrench and its arguments, and a function that has both as globals, which numba takes for constants; the state
-    is written to all the same."""
+    """The wrench and its arguments, and a function that has both as globals. numba takes them for constants, but the
+    state is written to all the same."""
     function, data = compiled_wrench(m, BODY)
 
     @numba.njit
@@ -180,7 +180,7 @@ def in_compiled_code(m):
 
 @pytest.mark.parametrize("amperes", [0.2, 1.1, -0.7])
 def test_soft_iron_beside_iron_that_saturates(m, in_compiled_code, amperes):
-    """Derivatives through the induced moment and through the model of the machine's iron."""
+    """Derivatives by the currents contain the induced moment and the model of the machine's iron."""
     currents = np.array([amperes])
     about = m.actuation(PLACE, currents, BODY)
     here = m.wrench(PLACE, BODY, currents)
@@ -197,7 +197,7 @@ def test_soft_iron_beside_iron_that_saturates(m, in_compiled_code, amperes):
     for other in (amperes, 0.9 * amperes, 0.3):
         exact = m.wrench(PLACE, BODY, [other])[2]
         assert lift(other, PLACE) == pytest.approx(exact, rel=1e-6)
-    # Constants are of one kind with arguments: nothing is compiled twice.
+    # Constants and arguments have the same types: nothing is compiled twice.
     assert len(function.signatures) == 1
 
 
@@ -211,8 +211,8 @@ def test_currents_for_soft_iron_beside_iron_that_saturates(m):
 
 @pytest.mark.parametrize("outside", ["raise", "nan", "clamp"])
 def test_one_point_at_the_currents_of_before_is_that_of_many(data, outside):
-    """The short way of one point gives the bits of the long one, follows the currents, and leaves to the long one what
-    is no array of numbers or outside."""
+    """The quick path of one point gives the bits of the general path, follows the currents, and leaves points outside
+    and other types of input to the general path."""
     m, fresh = interpolate(data, outside=outside), interpolate(data, outside=outside)
     rng = np.random.default_rng(2)
     for currents in (CURRENTS, CURRENTS, np.array([0.4]), CURRENTS, np.array([-1.9])):
@@ -240,7 +240,7 @@ def test_one_point_at_the_currents_of_before_is_that_of_many(data, outside):
     m.wrench(PLACE, MOMENT, CURRENTS)
     m.field_and_gradient(PLACE, CURRENTS)
     assert [weights is None for weights in calls] == [False, False]
-    # Other currents are solved for first; then they are known.
+    # New currents are solved by the general path; then they are known.
     m.wrench(PLACE, MOMENT, 0.9 * CURRENTS)
     assert len(calls) == 2
     m.wrench(PLACE, MOMENT, 0.9 * CURRENTS)
@@ -249,7 +249,7 @@ def test_one_point_at_the_currents_of_before_is_that_of_many(data, outside):
 
 @pytest.fixture(scope="module")
 def model(data):
-    """The model of the currents, and one of the same iron that solves closely by arrays alone."""
+    """The model of the currents, and a model of the same iron that is solved closely in numpy."""
     m = data.reduced_model
     tables = LawTables(
         m.law_offset.astype(np.int64), m.law_knots, m.law_coefficients, np.array([[0.0], [3e-3]])
@@ -262,7 +262,7 @@ AMPERES = np.array([[-1.7], [0.3], [0.9], [1.9]])
 
 
 def test_weights_and_slopes_of_currents_are_those_of_the_equation(model, data):
-    """By Newton's method on the arrays, and central differences of it; each door as exact as it says."""
+    """Against Newton's method in numpy and its central differences, with the accuracy that each function states."""
     ours, exact = model
 
     def weights_at(amperes):
@@ -287,14 +287,14 @@ def test_weights_and_slopes_of_currents_are_those_of_the_equation(model, data):
         for found, close in ((ours.weights_and_slopes(row), 1e-5), (search.weights_and_slopes(row), 1e-7)):
             np.testing.assert_allclose(found[0], of_row, atol=close * size)
             np.testing.assert_allclose(found[1], slope, atol=1e-4 * np.abs(slopes).max())
-    # Equal currents give equal bits, whatever was asked before; one that follows comes near.
+    # Equal currents give equal bits, whatever was asked before; a model that follows its last state comes near.
     np.testing.assert_array_equal(ours.weights(AMPERES[::-1])[::-1], ours.weights(AMPERES))
     following = CurrentModel(data.reduced_model, data.coil_names, follow=True)
     np.testing.assert_allclose([following.weights(row) for row in AMPERES], weights, atol=1e-5 * size)
 
 
 def test_currents_beyond_the_domain_by_each_rule(model, data):
-    """2 A; a billionth of the range is rounding."""
+    """The domain ends at 2 A; a billionth of the range beyond it counts as rounding."""
     rows = np.array([[1.0], [2.0 + 3.9e-9], [2.5]])
     inside = model[0].weights(rows[:2])
     with pytest.raises(OutsideMapError) as caught:
@@ -308,7 +308,7 @@ def test_currents_beyond_the_domain_by_each_rule(model, data):
     anywhere = CurrentModel(data.reduced_model, data.coil_names, "evaluate").weights(rows)
     amplitude = model[1].solve(rows[2], np.zeros(MODES), 1e-12)[0]
     np.testing.assert_allclose(anywhere[2], [2.5, *data.reduced_model.output @ amplitude], rtol=1e-5)
-    # Searches and tables may go beyond.
+    # Searches and tables may go beyond the domain.
     np.testing.assert_allclose(model[0].amplitudes(rows[2]), amplitude, rtol=1e-5)
     assert np.isfinite(model[0].slopes(rows[2:])).all()
 

@@ -105,7 +105,7 @@ def test_the_data_keeps_the_map_and_may_be_a_global(dipoles):
 
 
 def test_wrenches_take_arrays_that_lie_anyhow(field_map):
-    """A body of two dipoles; rows of larger arrays, and a rotation column by column."""
+    """A body of two dipoles, with strided output rows and a rotation in column order."""
     body = MagneticBody(
         np.array([[0.0, 0.0, 1e-3], [1e-3, 0.0, 0.0]]), np.array([[0.0, 0.0, 0.3], [0.2, 0.1, 0.0]])
     )
@@ -124,7 +124,7 @@ def test_wrenches_take_arrays_that_lie_anyhow(field_map):
 
 
 def test_a_function_from_a_cache_finds_a_map_of_another_process_gone(tmp_path):
-    """Its data is a constant there, an address that means nothing: no field, and no crash."""
+    """There its data is a constant address that means nothing: the function gives NaN, and does not crash."""
     (tmp_path / "kept.py").write_text(
         """import numpy as np
 from numba import njit

@@ -1,4 +1,4 @@
-"""The table of a map over a current division, against the model that it is made from and a law known in closed form."""
+"""The table of a map over a current division, against the model that it is made from and a law in closed form."""
 
 import pickle
 from dataclasses import replace
@@ -21,13 +21,13 @@ INSIDE = divide_currents(1.63, 0.117, -0.212, N)
 
 @pytest.fixture(scope="module")
 def data():
-    """A map whose current model is better than any table."""
+    """A map with a current model of smaller error than any table."""
     return replace(saturating_data(), current_error=FieldError(1e-9, 1e-9))
 
 
 @pytest.fixture(scope="module")
 def pair(data):
-    """The map by its model, and by its table."""
+    """The map with its model, and with its table."""
     return interpolate(data), interpolate(data, tabulate_currents=True)
 
 
@@ -52,7 +52,7 @@ def test_the_table_is_as_near_to_the_model_as_it_says(pair):
 
 
 def test_more_nodes_are_nearer_with_the_order_of_cubic_splines(data, monkeypatch):
-    """Fourth order where the law is smooth: here linear iron far below its knee, curved by nothing but the division."""
+    """Fourth order where the law is smooth: here linear iron far below its knee, curved by the division only."""
     model = data.reduced_model
     weak = replace(model, source=1e-6 * model.source, output=1e6 * model.output)
     smooth = replace(data, reduced_model=weak)
@@ -114,7 +114,7 @@ def test_other_maps_have_nothing_to_tabulate(data):
 
 
 def test_nodes_are_denser_about_zero_where_the_field_turns():
-    """The k-th of n on a side at (k / n)^p of that side's range."""
+    """On each side of zero, node k of n lies at (k / n)^p of that side's range."""
     assert tables._nodes(-0.4, 0.8, 9, 2.0) == pytest.approx(
         [-0.4, -0.225, -0.1, -0.025, 0.0, 0.05, 0.2, 0.45, 0.8]
     )
@@ -134,13 +134,13 @@ def test_its_error_is_measured_at_all_nodes_on_the_surface_of_the_box(lower):
 
 @pytest.fixture(scope="module")
 def small(pair):
-    """The map, its table of few nodes, and the model that it is made from."""
+    """The map, its table with few nodes, and the model of the table."""
     m, _ = pair
     return m, table_of_currents(m, (4, 6, 5)), m._model
 
 
 def nodes_of(number, lower, upper, count, power):
-    """Node `number`: evenly spaced, or by this power on either side of zero."""
+    """Node `number`: evenly spaced, or spaced by this power on either side of zero."""
     share = 2.0 * number / (count - 1) - 1.0
     return (
         lower + 0.5 * (share + 1.0) * (upper - lower)
@@ -160,7 +160,7 @@ def test_at_its_nodes_a_table_has_weights_and_slopes_of_the_model(small):
         weights, slopes = model.search().weights_and_slopes(currents)
         np.testing.assert_allclose(table.weights(currents), weights, rtol=1e-6)
         np.testing.assert_allclose(table.core.numbers.slopes[i, j, k], slopes[6:].T, rtol=1e-5, atol=1e-9)
-    # Between them by cubics: at this many nodes within a thousandth, in any leading shape, and known the next time.
+    # Between nodes the table is cubic: within a thousandth at this many nodes, in any leading shape; it is kept.
     rows = random_currents(6).reshape(2, 3, 6)
     found, exact = table.weights(rows), model.weights(rows)
     assert found.shape == exact.shape == (2, 3, 9)
@@ -169,7 +169,7 @@ def test_at_its_nodes_a_table_has_weights_and_slopes_of_the_model(small):
 
 
 def test_the_error_of_a_table_is_the_largest_of_its_states(small, data):
-    """In the fields behind the coils', at the nodes of the surface; two thirds of the states anywhere, and a third
+    """In the iron's fields at the nodes on the surface of the box; two thirds of the states are anywhere, and a third
     within a tenth of balance."""
     _, table, model = small
     states = tables._states(model, model.model.parametrisation)

@@ -43,7 +43,7 @@ def eight():
 
 
 def loops(constant=False):
-    """The map; constant: with the field of a ninth loop that no current drives."""
+    """The map of eight loops; constant: with the field of a ninth loop that no current drives."""
     angles = np.arange(6) * np.pi / 3
     ring = np.stack([0.044 * np.cos(angles), 0.044 * np.sin(angles), np.full(6, 0.026)], axis=1)
     others = [[0.0, 0.0, 0.026], [0.01, 0.02, 0.06], [0.02, -0.01, 0.03]]
@@ -88,7 +88,7 @@ def known_currents(m, rng):
 @pytest.mark.parametrize("load", [MOMENT, MAGNETS, BEAD, PAIR], ids=["dipole", "magnets", "bead", "pair"])
 @pytest.mark.parametrize("started", [False, True])
 def test_a_force_is_met_in_every_map_on_every_load(any_map, load, started):
-    """With no more power than currents that are known to give it, where these are free."""
+    """Where currents are free, the power is at most the power of known currents that give the force."""
     rng, turn = np.random.default_rng(7), None
     middle, size = 0.5 * (any_map.lower + any_map.upper), any_map.upper - any_map.lower
     if isinstance(load, MagneticBody):
@@ -108,7 +108,7 @@ def test_a_force_is_met_in_every_map_on_every_load(any_map, load, started):
 
 @pytest.mark.parametrize("load", [MOMENT, BEAD], ids=["dipole", "bead"])
 def test_a_torque_that_nothing_gives_is_infeasible_in_every_map(any_map, load):
-    """Along the moment of a dipole; on a sphere of soft iron in any direction. What is received is the demand."""
+    """The torque is along the moment of a dipole; a sphere of soft iron has no torque. Received is the demand."""
     position = 0.5 * (any_map.lower + any_map.upper)
     with pytest.raises(Infeasible, match=r"received Tx = 0\.0001 N m, Ty = -0\.0002 N m, Tz = 0\.0008 N m"):
         any_map.currents_for(position, torque=1e-3 * MOMENT, moment=load)
@@ -195,7 +195,7 @@ def test_what_is_infeasible_says_which_limits_bind_and_what_can_be_had(eight):
     with pytest.raises(Infeasible):
         eight.currents_for(position, 1.00001 * found.reachable, MOMENT, LIMIT)
     np.testing.assert_allclose(found.reachable, [0, 0, 50 * found.share], atol=1e-12)
-    # The limits named are a proof: they alone, all others lifted, still rule the demand out.
+    # The named limits are a proof: they alone, with all others lifted, rule the demand out.
     assert 0 < len(found.binding) <= 6
     low, high = np.full(8, -np.inf), np.full(8, np.inf)
     for name, value in found.binding.items():
@@ -212,7 +212,7 @@ def test_what_is_infeasible_says_which_limits_bind_and_what_can_be_had(eight):
 def test_no_currents_give_torque_along_the_moment(eight):
     with pytest.raises(Infeasible) as caught:
         eight.currents_for([0, 0, -0.06], moment=[0, 0, 0.8], torque=[1e-3, 0, 1e-3])
-    # No limit of any coil stands in the way.
+    # No coil's limit is the cause.
     assert not caught.value.binding
     np.testing.assert_allclose(caught.value.reachable, [1e-3, 0, 0], atol=1e-12)
 
@@ -287,7 +287,7 @@ def test_arguments_that_cannot_be_used(eight, arguments, words):
 
 
 def test_the_largest_component_is_that_of_the_ends_of_each_coil():
-    """A coil that does nothing adds nothing, however wide its limits; what is there already counts along the axis."""
+    """A coil that does nothing adds nothing, whatever its limits; the constant part counts along the axis."""
     inf, matrix = np.inf, np.array([[0.1, -0.3, 0.0], [0.0, 0.5, 0.0]])
     axes = [[1.0, 0.0], [0.0, 1.0], [0.0, -1.0], [2.0, 1.0]]
     limits = [-1.0, -inf, -inf], [2.0, 4.0, inf]
@@ -310,7 +310,7 @@ def test_the_largest_component_is_that_of_the_ends_of_each_coil():
     ],
 )
 def test_rows_count_by_their_directions(matrix, rank):
-    """Of which two are one if they are apart by less than 2e-10 of their length."""
+    """Two rows are one if their directions are apart by less than 2e-10."""
     found = Actuation(("Bx", "By"), np.array(matrix, float))
     assert (found.rank, found.null_space.shape) == (rank, (3, 3 - rank))
     lengths = np.linalg.norm(matrix, axis=1)[:, None] + 1e-300
@@ -353,7 +353,7 @@ COMPONENTS = (
 @pytest.mark.parametrize("load", [MOMENT, MAGNETS], ids=["dipole", "body"])
 @pytest.mark.parametrize("number", range(14))
 def test_each_component_of_a_demand_selects_its_own(load, number):
-    """Of a made-up field on a dipole; of a made-up load and field on a body."""
+    """A made-up field on a dipole, and a made-up load and field on a body."""
     random, asked = np.random.default_rng(number), {}
     wrench, flux, slope = random.standard_normal(6), random.standard_normal(3), random.standard_normal((3, 3))
     given = [wrench, flux, slope.ravel()]
@@ -413,7 +413,7 @@ def test_outside_the_map(eight):
 
 
 class Tilted(Field):
-    """One coil over a magnet on its axis, whose iron pulls a little to the side; curved: where the iron saturates."""
+    """One coil over a magnet on its axis; the iron pulls a little to the side; curved: where the iron saturates."""
 
     coil_names = ("a",)
 
@@ -444,7 +444,7 @@ class Tilted(Field):
 
 @pytest.mark.parametrize("curved", [False, True])
 def test_a_mesh_that_is_less_symmetric_than_its_machine_is_no_reason_to_refuse(curved):
-    """One current for three components: a force along the axis, up to what the mesh draws to the side."""
+    """One current for three components: a force along the axis, to within the sideways pull of the mesh."""
     ask = {"position": np.zeros(3), "force": [0.0, 0.0, 0.6], "moment": [0.0, 0.0, 1.0], "limits": 1.5}
     (current,) = currents_for(Tilted(5e-5, curved), **ask)
     assert current - 0.1 * curved * current**3 == pytest.approx(0.6, rel=1e-4)
@@ -455,7 +455,7 @@ def test_a_mesh_that_is_less_symmetric_than_its_machine_is_no_reason_to_refuse(c
 
 
 class AlmostAlike(Field):
-    """Two coils of nearly one direction, which draw a little along x and y; curved: where the iron saturates."""
+    """Two coils of nearly one direction, with a small pull along x and y; curved: where the iron saturates."""
 
     coil_names = ("a", "b")
 
@@ -488,7 +488,7 @@ PULL = {"position": np.zeros(3), "force": [0.0, 0.0, 0.6], "moment": [0.0, 0.0, 
 
 
 def test_what_only_a_weak_combination_gives_is_met_as_nearly_as_the_mesh_allows():
-    """Fx = 0.02 (a + b) + 5e-4 b is nothing at a = 24.6, b = -24, which leaves 2.4e-6 along y."""
+    """Fx = 0.02 (a + b) + 5e-4 b vanishes at a = 24.6, b = -24, and leaves 2.4e-6 along y."""
     alike = AlmostAlike([(0.02, 0.0), (0.0205, 1e-7)])
     np.testing.assert_allclose(currents_for(alike, **PULL), [24.6, -24.0], rtol=1e-4)
     with pytest.raises(Infeasible):
@@ -498,7 +498,7 @@ def test_what_only_a_weak_combination_gives_is_met_as_nearly_as_the_mesh_allows(
 
 
 def test_a_search_that_ends_near_the_demand_has_met_it():
-    """5e-5 of the force along x is left: currents that take it off would be beyond what the iron follows."""
+    """5e-5 of the force along x is left: currents that remove it would be beyond saturation."""
     force = [0.0, np.nan, 0.6]
     currents = currents_for(
         AlmostAlike([(5e-5, 0.0), (5.2e-5, 0.0)], curved=True), **(PULL | {"force": force})

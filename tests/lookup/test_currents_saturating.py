@@ -1,4 +1,4 @@
-"""The inverse of a map whose iron saturates: a model made for the test, which knows its own field and derivative."""
+"""The inverse of a map of saturating iron: a model made for the test, with its own field and derivative."""
 
 from types import SimpleNamespace
 
@@ -30,7 +30,7 @@ CLOSELY = {"met": 1e-9, "saving": 1e-12, "remedy": ""}
 
 @pytest.fixture(scope="module")
 def block():
-    """Five coils and two fields of iron: random gradients, one constant field each."""
+    """Fields of five coils and two of iron: random gradients, and one constant field each."""
     rng = np.random.default_rng(4)
     grid = Grid([-0.01, -0.01, -0.01], [0.01, 0.01, 0.01], (3, 3, 3))
     slope = rng.normal(size=(7, 3, 3))
@@ -113,7 +113,7 @@ def test_demands_are_met_with_least_power(block, model):
         np.testing.assert_allclose(given(rows, found), wanted, rtol=0, atol=1e-8 * np.abs(wanted).max())
         assert np.abs(found).max() <= 2.5
         bound_somewhere += np.abs(found).max() > 2.4999
-        # First order: along the demand's own derivative nothing within the limits costs less.
+        # First order: no other currents within the limits meet the linearised demand at less cost.
         slope = derivative(rows, found)
         judge = linprog(2 * found, A_eq=slope, b_eq=slope @ found, bounds=bounds)
         assert judge.fun == pytest.approx(2 * found @ found, rel=1e-5)
@@ -143,7 +143,7 @@ def test_what_cannot_be_reached_says_where_the_search_ended(block, model):
 
 
 def goal(wanted, limit, about):
-    """One row of a demand on coils within a limit."""
+    """One row of a demand on coils with limits."""
     coils = len(limit)
     demand = SimpleNamespace(names=("B",), values=np.array([wanted]), text=str)
     variables = Variables(tuple("ab")[:coils], -np.array(limit), np.array(limit), np.ones(coils))
@@ -171,7 +171,7 @@ def linear(matrix, constant, wanted, low, high):
 @pytest.mark.parametrize("size", [1.0, 1e6, 1e-6])
 @pytest.mark.parametrize(
     ("constant", "wanted", "high", "share"),
-    # Of two coils that give 1 and 2 for each ampere, within -0.5 and 1, -1 and `high`.
+    # Two coils give 1 and 2 per ampere, within -0.5 and 1 A, and within -1 A and `high`.
     [
         (0.0, 6.0, 1.0, 0.5),
         (1.0, 6.0, 1.0, 4.0 / 6.0),
@@ -204,7 +204,7 @@ def test_no_currents_at_all_give_no_share():
 
 
 def test_least_power_of_unequal_resistances_and_what_is_there_already():
-    """Power i^2 + 4 j^2 and i + 2 j = 4: i = 2, j = 1. A demand that is there but for rounding costs nothing."""
+    """Power i^2 + 4 j^2 and i + 2 j = 4: i = 2, j = 1. A demand that is met already costs nothing."""
     wide = [-9.0, -9.0], [9.0, 9.0]
     assert linear_currents(linear([[1.0, 2.0]], [1.0], [5.0], *wide)) == pytest.approx([2.0, 1.0])
     for off, nothing in ((0.5e-13, True), (2e-13, False), (-2e-13, False)):
@@ -212,7 +212,7 @@ def test_least_power_of_unequal_resistances_and_what_is_there_already():
         assert (not found.any()) == nothing
     with pytest.raises(Infeasible) as caught:
         linear_currents(linear([[1.0], [1.0]], [0.5, 1.0], [2.0, 3.0], [-9.0], [9.0]))
-    # The nearest of what one coil gives of two components.
+    # The nearest point to the demand that one coil can give.
     assert caught.value.reachable == pytest.approx([2.25, 2.75])
     assert caught.value.share is None
 
@@ -224,7 +224,7 @@ def search_of(goal, first, scale=0.1):
 @pytest.mark.parametrize(
     ("wanted", "first", "scale", "typical"),
     [
-        # 3 - 0 is given by (0.2, 0.4) of the shortest changes, times three.
+        # A demand of 3 takes three times the shortest change (0.2, 0.4) that gives 1.
         (3.0, [0.0, 0.0], 0.1, [0.6, 1.2]),
         (3.0, [5.0, -1.0], 0.1, [5.0, 1.6]),
         (3.0, [0.0, 0.0], 20.0, [2.0, 2.0]),
@@ -241,7 +241,7 @@ def test_what_is_missed_is_judged_by_what_typical_currents_give(wanted, first, s
 
 
 def test_an_aim_beyond_the_limits_is_a_half_or_a_quarter_of_the_way():
-    """At 0.6 of at most 1 there are 0.9 missing: a quarter of it can be had."""
+    """0.9 is missing at 0.6 of at most 1: a quarter of it can be had."""
     search = search_of(linear([[1.0]], [0.0], [1.5], [-1.0], [1.0]), [0.6])
     aim, left = search._aim(np.array([0.6]), 0.8)
     assert (aim[0], left) == (pytest.approx(0.825), pytest.approx(0.6))
@@ -250,7 +250,7 @@ def test_an_aim_beyond_the_limits_is_a_half_or_a_quarter_of_the_way():
 @pytest.mark.parametrize(
     ("low", "high", "values", "binding"),
     [
-        # A ten-thousandth of the range, or of the largest where that is infinite.
+        # A limit is reached within a ten-thousandth of the range, or of the largest value where the range is infinite.
         ([-1, -1], [1, 1], [0.99981, -0.99979], {"a": 0.99981}),
         ([-1, -1], [1, 1], [0.5, -0.99981], {"b": -0.99981}),
         ([0, 0], [np.inf, np.inf], [4e-5, 0.5], {"a": 4e-5}),
@@ -265,12 +265,12 @@ def test_where_a_search_is_stuck_the_limits_that_it_has_reached_are_told(low, hi
 
 
 def test_a_search_ends_with_the_evaluations_of_its_call():
-    """After all of them it has what it began with, or what is nearly met by the least change."""
+    """With all evaluations used, a search ends with the least change to its start that meets the demand, or fails."""
     goal = linear([[1.0, 2.0]], [0.0], [3.0], [-9, -9], [9, 9])
     goal.evaluations = MOST_EVALUATIONS - 1
     assert search_of(goal, [0.0, 0.0]).run() == pytest.approx([1.5, 0.75])
     goal.evaluations = MOST_EVALUATIONS
-    # By i / 1 = j * 4 / 2 of least power, not from where it begins.
+    # The change is i / 1 = j * 4 / 2 of least power, added to the start.
     assert search_of(goal, [1.0, 0.9]).run() == pytest.approx([1.1, 0.95])
     flat = linear([[0.0, 0.0]], [0.0], [3.0], [-9, -9], [9, 9])
     flat.evaluations = MOST_EVALUATIONS
@@ -285,7 +285,7 @@ def test_a_search_ends_with_the_evaluations_of_its_call():
 
 
 def test_power_that_a_demand_costs_does_not_stand_in_its_way():
-    """One coil that saturates, and a first price of the demand far below what it costs."""
+    """One coil that saturates, and a first price of the demand far below its cost."""
     saturating = goal(0.9, [10.0], lambda i: (np.tanh(i), 1.0 / np.cosh(i)[:, None] ** 2))
     search = Search(saturating, np.zeros(1), np.full(1, 0.1), **CLOSELY)
     search.price = 0.1
@@ -293,7 +293,7 @@ def test_power_that_a_demand_costs_does_not_stand_in_its_way():
 
 
 def test_what_a_search_leaves_of_a_demand_is_met_by_the_least_change():
-    """Of two coils that give 1 and 2: by the line from where they are to the nearest point that meets it."""
+    """Two coils give 1 and 2 per ampere: the change is along the shortest line to the demand."""
     slope = np.array([[1.0, 2.0]])
     here = np.array([1.0, 0.9])
     search = Search(goal(3.0, [10.0, 10.0], lambda i: (slope @ i, slope)), here, np.full(2, 0.1), **CLOSELY)
@@ -304,7 +304,7 @@ def test_what_a_search_leaves_of_a_demand_is_met_by_the_least_change():
 
 
 def test_a_search_does_not_go_on_for_rounding(divided, monkeypatch):
-    """The field of a reduced model is known to 1e-13 or so; the search takes less than 20 steps to this end."""
+    """The field of a reduced model is known to 1e-13 or so; with this stop the search takes less than 20 steps."""
     domain, moment = divided.info.reduced_model.domain, np.array([0.1, -0.2, 0.8])
     place = 0.5 * (divided.lower + divided.upper)
     force = divided.wrench(place, moment, domain.middle)[:3]
@@ -321,7 +321,7 @@ def test_a_search_does_not_go_on_for_rounding(divided, monkeypatch):
 
 
 def test_what_a_search_can_have_at_most_counts_what_no_current_drives():
-    """Two components of which one coil commands the first alone; without current there are 0.5 and 1."""
+    """One coil commands the first of two components only; without current they are 0.5 and 1."""
     rows = goal(2.0, [10.0], lambda i: (np.array([i[0] + 0.5, 1.0]), np.array([[1.0], [0.0]])))
     rows.demand = Demand(("Bx", "By"), np.zeros((2, 12)), np.array([2.0, 3.0]))
     with pytest.raises(Infeasible) as caught:
@@ -344,7 +344,7 @@ def test_of_several_searches_the_one_of_least_power_counts():
 
     found = best_of([ended(1.0, 1.0), ended(1.0, -0.5), failed(0.9), ended(-1.0, 1.0)])
     np.testing.assert_array_equal(found, [1.0, -0.5])
-    # With the evaluations of a call used up the first search is the last, whether it fails or not.
+    # With the evaluations of a call used up, the first search is the last, whether it fails or not.
     for evaluations, best in ((MOST_EVALUATIONS - 1, 0.1), (MOST_EVALUATIONS, 1.0)):
         fresh.evaluations = evaluations
         np.testing.assert_array_equal(best_of([ended(1.0, 1.0), ended(0.1, 0.1)]), [best, best])
@@ -357,11 +357,11 @@ def test_of_several_searches_the_one_of_least_power_counts():
 
 
 def test_searches_end_where_some_in_a_row_bring_nothing_better():
-    """After two that find no less power, or eight that find nothing; each that finds less begins the count anew."""
+    """Searches end after two without less power, or eight without a result; one with less power restarts the count."""
     begun = []
 
     def ends(*powers):
-        """Searches that end at these powers, None for one that fails; each is made when its turn comes."""
+        """Searches that end at these powers, None for a failure; each is made when its turn comes."""
         variables = Variables(("a",), -np.ones(1), np.ones(1), np.ones(1))
         for power in powers:
             begun.append(power)
@@ -391,7 +391,7 @@ def test_searches_end_where_some_in_a_row_bring_nothing_better():
 
 
 def test_a_search_that_creeps_at_its_limits_gives_up(monkeypatch):
-    """Of forces on a bead beyond the limits of eight coils: no search makes eleven steps that change little."""
+    """Forces on a bead beyond the limits of eight coils: no search makes eleven steps that change little."""
     field, rng, paths = loops(), np.random.default_rng(1), []
     aim = Search._aim
 
@@ -425,7 +425,7 @@ QUADRATIC = np.array(
 
 
 def pulled(wanted, low=-9.0, high=9.0, linear=0.0):
-    """Two components of second order in three currents, and a linear part of the first one."""
+    """Two components of second order in three currents, and a linear part of the first component."""
     slope = linear * np.array([[0.1, 0.2, -0.3], [0.0, 0.0, 0.0]])
     variables = Variables(tuple("abc"), np.full(3, low), np.full(3, high), np.ones(3))
     return SimpleNamespace(
@@ -443,8 +443,8 @@ def scaled(direction, wanted):
 @pytest.mark.parametrize("scale", [0.5, 1e-3])
 @pytest.mark.parametrize(("low", "ways"), [(-9.0, 1), (-8.0, 2)])
 def test_searches_on_soft_iron_begin_along_the_strongest_directions(low, ways, scale):
-    """Of the demand, and with more or less of the other component beside it, each component over its largest second
-    derivative; as long as the first component takes."""
+    """Directions of the demand, with more or less of the second component, each component over its largest second
+    derivative. The starts are as long as the first component takes."""
     wanted, lengths = np.array([2.4, 0.2]), np.array([6.0, 4.0])
     starts = list(starts_on_soft_iron(pulled(wanted, low), scale))
     share = wanted / lengths / (wanted[0] / lengths[0])
@@ -464,7 +464,7 @@ def test_searches_on_soft_iron_begin_along_the_strongest_directions(low, ways, s
 
 
 def test_where_iron_has_a_moment_of_its_own_searches_begin_without_currents():
-    """A linear part above rounding: no currents first, then both ways. Where nothing is wanted: no currents alone."""
+    """A linear part above rounding: no currents first, then both senses. A demand of zero: no currents only."""
     for linear, first in ((1e-10, False), (1e-7, True)):
         starts = list(starts_on_soft_iron(pulled([2.4, 0.2], linear=linear), 1.0))
         assert (not starts[0].any()) == first
@@ -484,7 +484,7 @@ def test_a_start_within_a_hundredth_is_left_as_it_is(ratio, kept):
 
 
 def test_a_solved_device_as_fields_of_its_coils_and_the_rest():
-    """Made up: the derivatives by two currents, and a field of which they are not all."""
+    """Made up: derivatives by two currents, and a field that is not their sum."""
     random = np.random.default_rng(14)
     flux, slope = random.standard_normal((4, 3)), random.standard_normal((4, 3, 3))
     by_flux, by_slope = random.standard_normal((4, 2, 3)), random.standard_normal((4, 2, 3, 3))
@@ -528,7 +528,7 @@ def test_a_place_that_the_fields_do_not_know_is_told_in_mm():
 
 
 def test_how_searches_are_set_up(divided, monkeypatch):
-    """Where they begin, the usual size of currents, and which shares of the demand and of the power are left."""
+    """The start of a search, the typical size of its currents, and its tolerances of demand and power."""
 
     class StopError(Exception):
         pass
@@ -556,7 +556,7 @@ def test_how_searches_are_set_up(divided, monkeypatch):
     assert set_up(solved, limits=(0.5, 3.0)) == ([0.5, 0.5], [0.5, 0.5], 1e-5, 1e-5, True)
     assert set_up(solved, limits=(-4.0, 3.0)) == ([0.0, 0.0], [4.0, 4.0], 1e-5, 1e-5, True)
     assert set_up(solved, start=[0.5, -2.0]) == ([0.5, -2.0], [2.0, 2.0], 1e-5, 1e-5, False)
-    # Soft iron allows more of the power; the model of a map says what is usual.
+    # On soft iron the tolerance of the power is larger; the model of a map gives the typical size.
     on_bead = demand_of([0.0, 0.0, 1e-6], bead, None, None, None)
     assert set_up(solved, on_bead, start=[0.5, 1.0])[2:4] == (1e-5, 1e-5)
     reduced = divided.info.reduced_model
@@ -570,14 +570,14 @@ def test_how_searches_are_set_up(divided, monkeypatch):
 
 
 def over(model, parametrisation, lower, upper, known):
-    """The same model over signals; known: signals whose currents it was trained on."""
+    """The same model over signals; known: signals of the currents that it was trained on."""
     made = {"parametrisation": parametrisation, "lower": np.array(lower), "upper": np.array(upper)}
     made["known_currents"] = parametrisation.currents(known)
     return SimpleNamespace(**{**vars(model), "model": SimpleNamespace(**{**vars(model.model), **made})})
 
 
 def test_groups_of_coils_meet_a_demand_with_least_power_of_the_currents(block, model):
-    """Beside SLSQP on the currents of the groups, whose power is that of the coils."""
+    """Against SLSQP on the currents of the groups, with the power of the coils."""
     groups = CoilGroups([[0, 3], [1], [2, 4]])
     grouped = over(model, groups, [-4.0] * 3, [4.0] * 3, [[0, 0, 0], [2, 2, 2], [-2, -2, -2]])
     rng = np.random.default_rng(3)
@@ -598,7 +598,7 @@ def test_groups_of_coils_meet_a_demand_with_least_power_of_the_currents(block, m
         }
         judge = minimize(lambda s: (groups.currents(s) ** 2).sum(), groups.signals(known), constraints=[held])
         assert found @ found == pytest.approx(judge.fun, rel=1e-5)
-        # Three components leave no choice.
+        # Three components of a demand leave no choice.
         wanted = given(unit_rows(block, demand_of(None, None, None, np.zeros(3), None)), known)
         demand = demand_of(None, None, None, wanted, None)
         found = ask(block, grouped, demand)
@@ -606,7 +606,7 @@ def test_groups_of_coils_meet_a_demand_with_least_power_of_the_currents(block, m
 
 
 def test_a_force_by_the_signals_of_a_division(divided):
-    """Within the limits of the currents, and of the signals."""
+    """Within the limits of the currents and of the signals."""
     domain, moment = divided.info.reduced_model.domain, np.array([0.1, -0.2, 0.8])
     body, known = MagneticBody(np.zeros((1, 3)), moment[None]), domain.at(np.array([0.3, 0.7, 0.6]))
     force = divided.wrench(POSITION, moment, known)[:3]
@@ -616,7 +616,7 @@ def test_a_force_by_the_signals_of_a_division(divided):
         divided.currents_for(POSITION, force, body, 1.01 * most, start=known), found
     )
     least = np.abs(found).min()
-    # A millionth of the largest current is rounding.
+    # A millionth of the largest current counts as rounding.
     for limits in ((-1.0 - 5e-7) * most, (-most, most * (1.0 - 5e-7)), (least + 5e-7 * most, 2.0 * most)):
         bound = (limits, -limits) if np.isscalar(limits) else limits
         np.testing.assert_array_equal(divided.currents_for(POSITION, force, body, bound, start=known), found)
@@ -629,7 +629,7 @@ def test_a_force_by_the_signals_of_a_division(divided):
             divided.currents_for(POSITION, force, body, limits, start=known)
         received = caught.value.problems[0].received
         assert f"takes {found[coil]:.6g} A in coil {coil + 1}" in received
-    # Ten times what the largest lift of the map gives: the search ends at the end of a signal.
+    # The demand is ten times the largest lift of the map: the search ends at the end of a signal.
     much = 10.0 * divided.wrench(POSITION, moment, domain.at(np.array([1.0, 0.5, 0.5])))[:3]
     with pytest.raises(Infeasible, match="signal") as caught:
         divided.currents_for(POSITION, much, moment)
@@ -658,7 +658,7 @@ def test_a_limit_of_the_division_itself_binds(divided):
 
 @pytest.fixture(scope="module")
 def solved():
-    """A core that saturates and a magnet, with two coils: each currents are solved for."""
+    """A core that saturates and a magnet, with two coils; each state is solved anew."""
     return NonlinearSolver(core_beside_magnet(Arctangent("steel", 2000.0, 2.0)), 0.5)
 
 
@@ -668,7 +668,7 @@ KNOWN = np.array([50.0, 30.0])
 
 @pytest.fixture(scope="module")
 def saturated(solved):
-    """Its state at known currents, where iron without saturation would need less."""
+    """The state at known currents; iron without saturation would need less."""
     state, none = solved.solve(KNOWN), solved.solve(0.0)
     inductance = solved.differential_inductance(state)[0, 0]
     assert inductance < 0.6 * solved.differential_inductance(none)[0, 0]
@@ -677,15 +677,15 @@ def saturated(solved):
 
 @pytest.mark.parametrize("load", ["field", "dipole", "magnets", "soft iron", "soft iron of one sense"])
 def test_a_solved_device_has_the_currents_back(solved, saturated, load, monkeypatch):
-    """Two coils and two components: the currents of a state that saturates, from nothing; by the state's own field and
-    a body's own wrench."""
+    """Two coils and two components: the search finds the currents of a saturated state from its own field or wrench,
+    without a start."""
     known, moment, state = KNOWN, np.array([0.01, 0.02, 0.05]), saturated
     start, on = None, moment
     if load == "magnets":
         on = MagneticBody(np.array([[1e-3, 0.0, 0.0], [0.0, 0.0, 1e-3]]), np.array([moment, -0.5 * moment]))
     limits = None
     if load.startswith("soft iron"):
-        # The square of the field has its force: the currents of both senses would do.
+        # The force goes with the square of the field: currents of either sense would do.
         on = magnetic_body(SoftSphere(1e-3, mu_r=100.0))
         start, limits = (0.8 * known, None) if load == "soft iron" else (None, (10.0, 100.0))
     if load == "field":
@@ -700,7 +700,7 @@ def test_a_solved_device_has_the_currents_back(solved, saturated, load, monkeypa
         patch.setattr(solved, "by_currents", lambda *given: calls.append(1) or by_currents(*given))
         found = currents_for(solved, BESIDE, **asked, start=start, limits=limits)
     np.testing.assert_allclose(found, known, rtol=2e-5)
-    # Newton's method with the exact derivative: with one that is half as large again it takes twelve.
+    # Newton's method has the exact derivative; with one that is half as large again it takes twelve evaluations.
     assert len(calls) <= 8
     with pytest.raises(Infeasible) as caught:
         currents_for(solved, BESIDE, **asked, start=start, limits=0.5 * np.abs(known).max())

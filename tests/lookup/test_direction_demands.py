@@ -24,7 +24,7 @@ def eight(request):
 
 
 def cases(field, count, seed=3):
-    """Positions, directions and forces: of random currents, turned by a little, so that the magnet may need more."""
+    """Positions, directions and forces: random, so that the magnet may need more than the force alone takes."""
     rng, middle = np.random.default_rng(seed), 0.5 * (field.lower + field.upper)
     for _ in range(count):
         position = middle + 0.3 * (rng.random(3) - 0.5) * (field.upper - field.lower)
@@ -33,8 +33,8 @@ def cases(field, count, seed=3):
 
 
 def by_scipy(field, position, direction, force, least):
-    """Least sum of squares with B across zero, the force on the moment, and B along the direction at least `least`: by
-    the field of each coil alone, rows scaled to length 1."""
+    """Least sum of squares with B across zero, the force on the moment, and B along the direction at least `least`, by
+    the fields of single coils; rows have length 1."""
     coils = len(field.coil_names)
 
     def rows(currents):
@@ -46,7 +46,7 @@ def by_scipy(field, position, direction, force, least):
     wanted = np.concatenate([force, np.zeros(3), [least]]) - idle
     length = np.linalg.norm(matrix, axis=1)
     matrix, wanted = matrix / length[:, None], wanted / length
-    # Of the three rows across, two are independent.
+    # Two of the three rows across are independent.
     basis, _, _ = np.linalg.svd(matrix[3:6])
     across = basis[:, :2].T
     equal = np.vstack([matrix[:3], across @ matrix[3:6]])
@@ -69,7 +69,7 @@ def by_scipy(field, position, direction, force, least):
 
 @pytest.mark.parametrize("least", [1e-4, 1e-3])
 def test_they_are_those_of_an_optimiser(eight, least):
-    """Of least power under the inequality too: at times more than the force alone takes, never less."""
+    """They have least power under the inequality too: sometimes more than the force alone takes, never less."""
     bound = 0
     for position, direction, force in cases(eight, 12):
         found = eight.currents_for(position, force, SIZE, LIMIT, direction=3.0 * direction, least_field=least)
@@ -85,7 +85,7 @@ def test_they_are_those_of_an_optimiser(eight, least):
 
 
 def test_the_magnet_stays_and_its_force_is_that_of_one_that_follows_the_field(eight):
-    """A free dipole at these currents points that way, and a turn of it is pushed back by m B."""
+    """A free dipole at these currents points along the direction, and m B pushes a turned dipole back."""
     for position, direction, force in cases(eight, 6, seed=8):
         found = eight.currents_for(position, force, SIZE, direction=direction, least_field=2e-3)
         free = Balance(eight, found, 0.01, SIZE, None)
@@ -102,7 +102,7 @@ def test_the_magnet_stays_and_its_force_is_that_of_one_that_follows_the_field(ei
 
 
 def test_a_magnet_that_would_turn_over_is_refused_with_the_remedy(eight):
-    """Without a least field: where least power leaves B against the direction; elsewhere it is that least power."""
+    """Without a least field: refused if least power has B against the direction; else it is least power."""
     refusals = 0
     for position, direction, force in cases(eight, 12):
         across = np.linalg.svd(direction[None, :])[2][1:]
@@ -130,7 +130,7 @@ def test_direction_alone_and_limits(eight):
 
 
 def test_saturating_iron():
-    """Met to the search's tolerance, with no more power than currents nearby that meet it too."""
+    """The demand is met to the search's tolerance, with no more power than known currents that meet it too."""
     field = saturating_map(free=True)
     rng = np.random.default_rng(2)
     position, known = 0.5 * (field.lower + field.upper), rng.uniform(0.3, 1.5, len(field.coil_names))
@@ -146,7 +146,7 @@ def test_saturating_iron():
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_the_force_contains_the_reaction_of_the_iron(tmp_path, way):
-    """The iron draws the magnet upward, whichever way its moment points: the coil carries the rest of the weight."""
+    """The iron draws the magnet upward for either sense of its moment: the coil carries the rest of the weight."""
     device = fm.read_device("desk_levitator")
     path = fm.generate(device, tmp_path / "levitator.h5", spacing=3e-3, progress=False)
     field, alone = fm.open_map(path), fm.open_map(path, reaction=False)

@@ -1,4 +1,4 @@
-"""What field sensors read, against closed forms, the solver's own field, and differences."""
+"""Readings of field sensors against closed forms, the solver's own field, and differences."""
 
 import h5py
 import numpy as np
@@ -14,7 +14,7 @@ from fieldmap.store import read_map, seal_map, write_map
 
 RADIUS, MU_R = 0.02, 100.0
 LOWER, UPPER = np.array([-0.006, -0.006, -0.046]), np.array([0.006, 0.006, -0.034])
-# Below, beside and above the box; none along an axis of the frame but the first.
+# Below, beside and above the box; only the first is along an axis of the frame.
 SENSORS = (
     fm.FieldSensor("below", [0.0, 0.0, -0.052], [0.0, 0.0, 2.0]),
     fm.FieldSensor("beside", [0.015, 0.002, -0.04], [1.0, -2.0, 0.5]),
@@ -71,11 +71,11 @@ def dipole(moments, points, places):
 
 
 def of_ball(axes, places, moments, points):
-    """What sensors (s, 3) read of a permeable ball at the origin that dipoles (n, 3) magnetise, (n, s).
+    """Readings (n, s) by sensors (s, 3) of a permeable ball at the origin that dipoles (n, 3) magnetise.
 
-    To the potential of a charge at x, sum r'^l / r^(l+1) P_l, the ball answers -chi a^(2l+1) / (r r')^(l+1) P_l,
-    chi = l (mu_r - 1) / (l mu_r + l + 1) (Jackson, section 4.4). A dipole is the derivative of a charge along its
-    moment, a reading that of the potential along the axis; both by central differences, of fourth order.
+    To the potential of a charge at x, sum r'^l / r^(l+1) P_l, the ball answers -chi a^(2l+1) / (r r')^(l+1) P_l, chi =
+    l (mu_r - 1) / (l mu_r + l + 1) (Jackson, section 4.4). A dipole is the derivative of a charge along its moment, and
+    a reading is the derivative of the potential along the axis; both by central differences of fourth order.
     """
     h, degrees = 2e-4, np.arange(1, 120)
     chi = degrees * (MU_R - 1) / (degrees * MU_R + degrees + 1)
@@ -104,13 +104,13 @@ def geometry():
 
 
 def test_a_hundred_dipoles_near_a_ball(field):
-    """To the error of the mesh: elements as wide as a sixth of the ball's radius."""
+    """To the error of the mesh: elements are a sixth of the ball's radius wide."""
     points, moments = poses(100)
     places, axes = geometry()
     direct = np.einsum("nsi,si->ns", dipole(moments, points, places), axes)
     iron = of_ball(axes, places, moments, points)
     read = field.readings(points, moments, 0.0)
-    # The iron counts: an eighth of the reading under the ball, as a rule.
+    # The iron counts: typically an eighth of the reading under the ball.
     assert np.median(np.abs(iron / direct)[:, 2]) > 0.1
     for k, within in enumerate((1e-3, 1e-3, 5e-3)):
         off = np.abs(read - direct - iron)[:, k].max()
@@ -123,13 +123,13 @@ def test_currents_as_the_solver(file, field):
     truth = np.einsum("si,si->s", solution.field(places, [1.3]), axes)
     away = field.readings(PLACE, [0.0, 0.0, 0.0], 1.3)
     assert away == pytest.approx(truth, rel=1e-9)
-    # A row of currents for each place.
+    # Each place has its own row of currents.
     rows = field.readings(np.stack([PLACE, PLACE]), [0.1, 0.0, 0.4], [[0.0], [1.3]])
     assert rows[1] - rows[0] == pytest.approx(truth, rel=1e-9)
 
 
 def test_magnet_as_a_body_of_the_device(field):
-    """The full solver, with a magnet in the place of dipoles and meshed, too."""
+    """The full solver, with a meshed magnet in place of the dipoles."""
     shape, place = fm.MagnetSphere(6e-3, 1.2), np.array([0.001, 0.002, -0.038])
     law = fm.PermanentMagnet("ndfeb", np.array([0.0, 0.0, 1.2]), 1.0)
     magnet = fm.Body("magnet", "ndfeb", fm.Part(fm.Sphere(3e-3), fm.Placement(place)), 0.0012)
@@ -142,7 +142,7 @@ def test_magnet_as_a_body_of_the_device(field):
 
 
 def test_in_air_by_closed_forms(air):
-    """A dipole; a thick coil on its axis; the background. Nothing is stored on the grid: no place is outside."""
+    """A dipole, a thick coil on its axis, and the background. Nothing is stored on the grid, so no place is outside."""
     places, axes = geometry()
     z = -0.052 - 0.03
     ends = np.array([z - 0.005, z + 0.005])

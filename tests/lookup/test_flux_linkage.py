@@ -44,7 +44,7 @@ def m():
 
 
 def coenergy_of(of, currents):
-    """Least of the functional over the amplitudes, the reduced co-energy times mu0: integral of b - h, and the rest."""
+    """Reduced co-energy times mu0, the least of a functional over the amplitudes: integral of b - h, and the rest."""
     gradients = of.gradients.astype(np.float32).astype(float)
     applied = of.source @ currents + (of.fixed if of.fixed.size else 0.0)
 
@@ -82,7 +82,7 @@ def test_linkages_are_derivatives_of_the_coenergy_of_the_reduced_model(name):
         steps = 1e-4 * np.eye(len(currents))
         fall = [coenergy_of(of, currents + step) - coenergy_of(of, currents - step) for step in steps]
         np.testing.assert_allclose(linkages, np.array(fall) / 2e-4, atol=2e-6 * np.abs(linkages).max())
-        # By differences of linkages of fourth order; symmetric, as second derivatives are.
+        # Differences of linkages, of fourth order; symmetric, as second derivatives are.
         near = {k: np.array([in_core(of, currents + k * step)[0] for step in steps]) for k in (-2, -1, 1, 2)}
         wanted = (near[-2] - 8 * near[-1] + 8 * near[1] - near[2]) / 12e-4
         np.testing.assert_allclose(slopes, wanted.T, atol=1e-6 * np.abs(slopes).max())
@@ -103,7 +103,7 @@ def test_a_dipole_on_the_axis_of_a_loop():
     assert payload_linkage(field, place, 2.0, [0, 0, moment]) == pytest.approx([wanted], rel=1e-9)
     rate = 3 * depth * speed / size * wanted
     assert back_emf(field, place, 2.0, [0, 0, moment], [0, 0, speed]) == pytest.approx([rate], rel=1e-9)
-    # A turn of the moment towards the plane of the loop: what it links falls like the cosine, at first not at all.
+    # Turned towards the plane of the loop, the moment links flux like the cosine: at first no change.
     assert back_emf(field, place, 0.0, [0, 0, moment], np.zeros(3), [3.0, 0, 0]) == pytest.approx(
         [0.0], abs=1e-15
     )
@@ -133,8 +133,8 @@ def test_linkages_and_forces_are_derivatives_of_one_coenergy(m):
 
 
 def along_path(m, ends, currents):
-    """Of a dipole along straight lines (k + 1, 3), by a Gauss rule in each cell: voltages and work (k, n + 1), and the
-    changes of the linkages and of the co-energy, which is m . B and that of the reaction."""
+    """Voltages and work (k, n + 1) of a dipole along straight lines (k + 1, 3), by a Gauss rule in each cell, and the
+    changes of the linkages and of the co-energy, which is m . B and the reaction's part."""
     nodes, weights = np.polynomial.legendre.leggauss(8)
     faces, body, found, changes = m.info.grid.points(), MagneticBody.dipole(MOMENT), [], []
     for a, b in itertools.pairwise(ends):
@@ -156,21 +156,21 @@ def along_path(m, ends, currents):
 
 
 def closed_to(m, ends, currents):
-    """Misses of voltages and work along a path, and along all of it, which is closed: shares of the largest parts."""
+    """Errors of voltages and work along the lines of a path, and of their sums along a closed path: relative."""
     found, changes = along_path(m, ends, currents)
     sizes = np.abs(found).max(axis=0)
     return (np.abs(found - changes) / sizes).max(), (np.abs(found.sum(axis=0)) / sizes).max()
 
 
 def test_voltages_and_work_along_a_path_are_changes_of_linkages_and_of_the_coenergy(m):
-    """At fixed currents of saturating iron; along a closed path nothing."""
+    """At fixed currents of saturating iron; along a closed path the sums vanish."""
     ends = PLACE + np.array([[0, 0, 0], [3e-4, 0, 1e-4], [1e-4, 4e-4, 0], [0, 0, 0]])
     assert max(closed_to(m, ends, CURRENTS)) < 1e-9
 
 
 def test_paths_through_many_cells_of_a_map(tmp_path):
-    """The form "hermite" has no steps between its cells. Those of "harmonic" are errors of the interpolation, of which
-    the coils of a simulator, whose states are linkages, see the change as well."""
+    """The form "hermite" has no steps between its cells. The steps of "harmonic" are errors of the interpolation; the
+    coils of a simulator see them too, because its states are linkages."""
     path = fm.generate(fm.read_device("desk_levitator"), tmp_path / "desk.h5", spacing=3e-3)
     smooth, stepped = (fm.open_map(path, kind=kind) for kind in ("hermite", "harmonic"))
     low, high = (smooth.lower + share * (smooth.upper - smooth.lower) for share in (0.1, 0.9))
@@ -199,7 +199,7 @@ def test_a_map_adds_air_magnets_and_iron(m):
 
 
 def test_iron_that_remembers_links_what_its_cells_hold():
-    """Against moments of the cells in numpy; at currents elsewhere the memory stays as it is."""
+    """Against moments of the cells in numpy; a question at other currents leaves the memory as it is."""
     remembering = map_of()
     for memory in led(remembering, cycle(8)[:5]):
         linked, _ = memory._model.linkages(memory.last_currents)
@@ -212,8 +212,8 @@ def test_iron_that_remembers_links_what_its_cells_hold():
 
 @pytest.mark.slow
 def test_a_map_of_saturating_iron_against_its_solver(tmp_path):
-    """At random currents, of which 20 A saturate the core: linkages within what the map states; inductances, which it
-    was trained for, within 0.5 %, at the knee of the law, too."""
+    """At random currents; the core saturates at 20 A. Linkages are within the error that the map states, trained
+    inductances within 0.5 %, at the knee of the law too."""
     device = core_and_coils(STEEL)
     limit = {"lower_A": -80.0, "upper_A": 80.0, "inductance": True, "accuracy": 5e-5}
     box = [[-4e-3, -4e-3, -16e-3], [4e-3, 4e-3, -8e-3]]
@@ -236,7 +236,7 @@ def test_a_map_of_saturating_iron_against_its_solver(tmp_path):
 
 
 def test_linear_maps_have_what_their_solver_has(tmp_path):
-    """With a magnet in the iron, whose flux is there with all coils off; through the file, to the last bit."""
+    """With a magnet in the iron and its flux at zero currents; through the file, to the last bit."""
     device = core_and_coils(magnet=True)
     path = fm.generate(
         device, tmp_path / "m.h5", spacing=2e-3, box=[[-4e-3, -4e-3, -16e-3], [4e-3, 4e-3, -8e-3]]
@@ -261,7 +261,7 @@ def test_coils_without_an_inductance_of_their_own_are_named(tmp_path):
     assert "loop" in m.info.provenance.solver_report["without_linkage"]
     with pytest.raises(InputError):
         m.inductance()
-    # What a magnet links needs no inductance.
+    # The flux of a magnet in a coil needs no inductance.
     assert m.back_emf([0, 0, 1e-3], 0.0, [0, 0, 1.0], [0, 0, 1.0]).shape == (1,)
 
 
@@ -285,7 +285,7 @@ TURN = np.array([[0.8, 0.6, 0.0], [0.0, 0.0, -1.0], [-0.6, 0.8, 0.0]])
 
 
 def linear_of(m, constant):
-    """The fields of a map, as those of linear iron, the last of them as one that no current drives."""
+    """The fields of a map as fields of linear iron, the last of them as a field that no current drives."""
     data = saturating_data(free=True)
     fields = {name: getattr(data, name)[: 6 + constant] for name in ("flux_density", "gradient")}
     sources = {"constant_field": True, "fixed_sources": ("background",)} if constant else {}
@@ -294,7 +294,7 @@ def linear_of(m, constant):
 
 @pytest.mark.parametrize("iron", ["saturating", "linear", "constant"])
 def test_compiled_linkages_are_those_of_the_map(m, iron):
-    """Of coils alone, and with a body of a magnet and soft iron; NaN where the field is not known."""
+    """For coils alone, and with a body of a magnet and soft iron; NaN where the field is not known."""
     of = m if iron == "saturating" else linear_of(m, iron == "constant")
     relative = 1e-4 if iron == "saturating" else 1e-12
     linkages, inductance = np.empty(6), np.empty((6, 6))
@@ -310,7 +310,7 @@ def test_compiled_linkages_are_those_of_the_map(m, iron):
     assert np.isnan(inductance).all()
     with pytest.raises(ValueError, match="one current for each coil"):
         evaluate(data, CURRENTS[:5], PLACE, TURN, linkages, inductance)
-    # The voltages of a motion by the slopes of the wrench, as the docstring says.
+    # The voltages of a motion follow from the slopes of the wrench, as the docstring says.
     velocity, spin = np.array([0.3, -0.1, 0.2]), np.array([1.0, 3.0, -2.0])
     slopes, (evaluate, data) = np.empty((6, 6)), compiled_wrench(of, SOFT)
     assert evaluate(data, CURRENTS, PLACE, TURN, np.empty(6), slopes)

@@ -1,4 +1,4 @@
-"""The forms of a map against closed forms, each other's doors, Taylor's theorem and Maxwell's equations."""
+"""The forms of a map against closed forms, each other, Taylor's theorem and Maxwell's equations."""
 
 import magpylib
 import numpy as np
@@ -73,13 +73,13 @@ def test_closed_forms_of_the_test_itself(dipoles):
 @pytest.mark.parametrize(
     ("kind", "orders", "bounds"),
     [
-        # Degree 5 of the potential: B of degree 4, hence order 5, gradient 4, second gradient 3.
+        # The potential has degree 5, B degree 4: order 5 for B, 4 for the gradient, 3 for the second gradient.
         ("harmonic", [4.7, 3.7, 2.7, -np.inf], [1e-6, 2e-5, 1e-3, 1e-12]),
         ("hermite", [3.7, 2.7, 1.7, 2.7], [1e-5, 2e-4, 2e-2, 4e-4]),
     ],
 )
 def test_convergence(dipoles, kind, orders, bounds):
-    """Of field, gradient, second gradient, and of divergence and curl, where the error peaks."""
+    """Field, gradient, second gradient, and divergence and curl, at places where the error peaks."""
     sizes, errors = np.array([12, 18, 27]), []
     places = np.stack(np.meshgrid(*[[0.03, 0.5]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     for n in sizes:
@@ -140,7 +140,7 @@ def test_exact_on_harmonic_polynomials_and_no_further(kind, highest):
             flux, gradient = field(nodes).reshape(1, 17, 17, 17, 3), slope(nodes).reshape(1, 17, 17, 17, 3, 3)
             data = MapData(grid, ("a",), [1.0], flux_density=flux, gradient=gradient)
         if degree > highest and kind == "global":
-            # Homogeneous of degree 17: nothing of it is in reach.
+            # The polynomial is homogeneous of degree 17: the fit has no part of it.
             with pytest.raises(InputError, match="misfit"):
                 interpolate(data, kind)
             continue
@@ -258,7 +258,7 @@ def test_jump_between_cells_is_measured_and_bounded(opened, dipoles):
 
 @pytest.mark.parametrize("cells", [(4, 3, 5), (3, 4, 2), (2, 2, 3), (2, 3, 2), (5, 2, 2)])
 def test_jump_is_the_largest_at_chebyshev_points_of_the_faces(dipoles, cells):
-    """Five by five of every face between cells: what stands on one side less what stands on the other."""
+    """Five by five points of every face between cells: the difference between both sides."""
     m = interpolate(dipoles.map(cells), "harmonic")
     spacing, shape = np.array(m.info.grid.spacing), np.array(m.info.grid.shape)
     at = np.polynomial.chebyshev.chebpts1(5)

@@ -1,4 +1,4 @@
-"""Harmonic polynomials about another origin, and bounds of them by their coefficients."""
+"""Harmonic polynomials about another origin, and bounds on them by their coefficients."""
 
 import numpy as np
 import pytest
@@ -39,8 +39,8 @@ def test_gradients_are_differences_of_fields(degree):
 
 @pytest.mark.parametrize("degree", range(DEGREE + 1))
 def test_no_point_of_a_sphere_is_beyond_the_bound_and_one_reaches_it(degree):
-    """The bound is reached by the polynomial of one degree that is largest at a point: its coefficients there are the
-    harmonics over the weights (the reproducing kernel)."""
+    """The bound is reached at one point by the polynomial of one degree with the coefficients harmonics over weights
+    (the reproducing kernel)."""
     radius, own = 0.8, slice(degree**2, (degree + 1) ** 2)
     directions = np.random.default_rng(degree).standard_normal((3000, 3))
     points = radius * directions / np.linalg.norm(directions, axis=1)[:, None]
@@ -54,7 +54,7 @@ def test_no_point_of_a_sphere_is_beyond_the_bound_and_one_reaches_it(degree):
 
 @pytest.mark.parametrize("shape", [(5, 7, 6), (14, 5, 15)], ids=["all nodes", "some of them"])
 def test_the_polynomial_of_a_box_is_that_of_least_squares(shape):
-    """Of fields and gradients that no polynomial holds, against one system of all equations."""
+    """Fields and gradients that no polynomial fits, against one least-squares system of all equations."""
     grid, random = Grid([0.01, -0.02, 0.0], [1e-3, 2e-3, 1.5e-3], shape), np.random.default_rng(7)
     flux, slope = random.standard_normal((2, *shape, 3)), 1e3 * random.standard_normal((2, *shape, 3, 3))
     data = MapData(grid, ("a", "b"), np.ones(2), flux_density=flux, gradient=slope)

@@ -1,6 +1,6 @@
 """Maps of iron with hysteresis: their heat against the energy of the coils, Madelung's rules, slopes of loops.
 
-The map is made up: six coils, twelve points of iron with five play cells each, whose fields turn in space.
+The map is made up: six coils, twelve points of iron with five play cells each; the fields turn in space.
 """
 
 from dataclasses import replace
@@ -82,8 +82,8 @@ def cycle(count):
 
 
 def test_over_a_closed_cycle_the_coils_deliver_the_heat(m):
-    """In space a cycle closes after some turns, from each to the next by a third. The trapezoidal rule is of second
-    order, which extrapolation removes."""
+    """In space a cycle closes after some turns; each turn reduces the gap by a third. The trapezoidal rule is
+    of second order, and extrapolation removes its error."""
     shares, errors = [], []
     for count in (400, 800):
         path = cycle(count)
@@ -93,7 +93,7 @@ def test_over_a_closed_cycle_the_coils_deliver_the_heat(m):
         energy = energies(memories)[1]
         shares.append(np.ptp(energy) / heat)
         errors.append(delivered(path, memories) / heat - 1.0)
-    # What the iron stores and gives back in a turn is more than the heat.
+    # The iron stores and gives back more in a turn than the heat.
     assert min(shares) > 1.0
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
     assert abs(4.0 * errors[1] - errors[0]) / 3.0 < 1e-6
@@ -113,8 +113,8 @@ def test_along_any_path_the_coils_deliver_what_is_stored_and_the_heat(m):
 
 
 def test_a_thousand_paths_of_random_steps_obey_the_second_law(m):
-    """Each step is a minimum: stored energy and heat are never less than what the old currents, and never more than
-    what the new ones, would deliver."""
+    """Each step is a minimum: stored energy plus heat lies between the energies that the old currents and the new
+    currents would deliver."""
     random = np.random.default_rng(3)
     for _ in range(1000):
         size = 10.0 ** random.uniform(-3.0, 0.5, (5, 1))
@@ -149,34 +149,34 @@ def stepped(memory, levels):
 
 
 def test_on_one_axis_turns_are_remembered_and_ways_divide(on_one_axis):
-    """Madelung's rules, for memories of a map: exact where fields do not turn."""
+    """Madelung's rules for memories of a map: they are exact where fields do not turn."""
     demagnetised = on_one_axis.memory("demagnetised")
     levels = [2.0, 0.3, 1.4, 0.8, 1.4, 0.3, 2.0]
     memories = stepped(demagnetised, levels)
     found, branch = fields(memories, levels), fields(stepped(demagnetised, [0.8]), [0.8])[0]
     size = np.abs(found).max()
     assert np.abs(found[3] - branch).max() > 0.01 * size
-    # Inner loops close and are wiped out: what follows does not know of them.
+    # Inner loops close and are wiped out: later steps do not depend on them.
     for first, again in ((2, 4), (1, 5), (0, 6)):
         np.testing.assert_allclose(found[again], found[first], rtol=0.0, atol=1e-8 * size)
     on = [2.5, 1.1]
     np.testing.assert_allclose(
         fields(stepped(memories[-1], on), on), fields(stepped(memories[0], on), on), atol=1e-8 * size
     )
-    # Straight ways in one step or in many, field and heat.
+    # A straight path has the same field and heat in one step and in many.
     for parts in (2, 7, 40):
         divided = stepped(memories[1], np.linspace(0.3, 1.4, parts + 1)[1:])[-1]
         np.testing.assert_allclose(
             fields([divided], [1.4])[0], found[2], rtol=0.0, atol=1e-8 * size, err_msg=str(parts)
         )
         assert divided.dissipated == pytest.approx(memories[2].dissipated, rel=1e-7)
-    # The second way round costs what the first did.
+    # The second round costs as much heat as the first.
     heat = np.diff([memory.dissipated for memory in stepped(memories[3], [1.4, 0.8, 1.4, 0.8, 1.4])])
     np.testing.assert_allclose(heat[2:], heat[:2], rtol=1e-6)
 
 
 def test_in_space_what_the_division_of_a_way_changes_vanishes_with_the_steps(m):
-    """The drag follows the way: of first order in the steps."""
+    """The drag follows the path: the difference is of first order in the steps."""
     here, there = np.array([2.0, -1.0, 0.5, 1.0, -2.0, 0.3]), np.array([-1.5, 1.0, 2.5, -0.5, 1.0, 2.0])
     begin = m.step(here)
 
@@ -196,7 +196,7 @@ def test_nothing_is_remembered_of_a_way_back_that_was_asked_for_only(m):
     asked.field(PLACES, 0.0)
     assert asked.dissipated == before
     assert m.recalled(asked.remembered).dissipated == before
-    # A step to where the iron is already changes nothing, also of a memory that was stored.
+    # A step to the present currents changes nothing, also for a memory that was stored.
     for memory in (asked, m.recalled(asked.remembered)):
         again = memory.step(2.0)
         assert again.dissipated == before
@@ -206,7 +206,7 @@ def test_nothing_is_remembered_of_a_way_back_that_was_asked_for_only(m):
 
 @pytest.fixture
 def closely(monkeypatch):
-    """Lookups to the last digits."""
+    """Lookups are solved to the last digits."""
     monkeypatch.setattr(current_model, "_OF_LOOKUPS", 1e-12)
 
 
@@ -230,8 +230,8 @@ def test_without_pinning_a_map_is_that_of_iron_without_cells(closely, plain):
 
 
 def test_the_reversible_slope_is_that_of_a_way_back(closely, on_one_axis):
-    """At the currents of the memory cells that stand at the end of their play stay, as on the way back; on the way on
-    they move."""
+    """At the present currents, cells at the end of their play stay when the currents turn back, and move when the
+    currents go on."""
     memory, apart = on_one_axis.memory("demagnetised"), []
     for level in (1.0, 0.3, -0.6, 0.4, 1.5):
         step = np.full(6, 1e-5 * np.sign(level - memory.last_currents[0]))
@@ -246,7 +246,7 @@ def test_the_reversible_slope_is_that_of_a_way_back(closely, on_one_axis):
 
 
 def by_hand(memory, currents, swing):
-    """Flux density and gradient at the places, per unit of a swing of the currents: the second of two loops, driven."""
+    """Flux density and gradient at the places per unit swing of the currents, on the second of two loops."""
     memory = memory.step(currents).step(currents + swing).step(currents - swing).step(currents + swing)
     ends = [memory.field_and_gradient(PLACES, currents + swing)]
     memory = memory.step(currents - swing)
@@ -283,19 +283,19 @@ def test_small_loops_have_the_reversible_slope_and_iron_without_cells_its_deriva
         off = [np.abs(memory.by_currents(PLACES, here, loop=a)[2] - reversible).max() for a in (0.4, *sizes)]
         size = np.abs(reversible).max()
         assert off[0] > 0.1 * size
-        # After a large step the twelve points still move each other's cells in the second loop, however small.
+        # After a large step the twelve points still move each other's cells in the second loop, even a small one.
         assert off[-1] < bound * size
         if memory is m:
             np.testing.assert_allclose(np.divide(off[1:-1], off[2:]), 10.0, rtol=0.6)
-    # The derivative itself is known to single precision.
+    # The derivative is known to single precision.
     exact = plain.by_currents(PLACES, here)[2]
     left = [np.abs(plain.by_currents(PLACES, here, loop=a)[2] - exact).max() for a in (0.4, 0.2, 0.1)]
     np.testing.assert_allclose(np.log2(np.divide(left[:-1], left[1:])), 2.0, atol=0.25)
 
 
 def test_loops_swing_the_signals_of_a_map():
-    """A map over a division: currents by which one signal moves swing together, up to the size of the loop; across
-    them, where no path of the map leads, slopes are the reversible ones."""
+    """A map over a division: the currents of one signal swing together, up to the size of the loop. Across them no path
+    of the map leads, and slopes are the reversible ones."""
     data = saturating_data()
     cells = {"pinning": 0.1 * PINNING[None], "shares": SHARES}
     m = interpolate(

@@ -1,4 +1,4 @@
-"""The domain of a map's currents as lookups take it: beyond it, to the core, and the polynomials over it."""
+"""The domain of a map's currents in lookups: errors beyond it, its form in the core, and polynomials over it."""
 
 import itertools
 from types import SimpleNamespace
@@ -34,7 +34,7 @@ def test_a_coil_within_the_limit_is_not_told():
 
 def test_a_coil_beyond_the_limit_is_named_with_the_limit():
     problem = problem_of([1.5, 0.3, 0.3])
-    # Most has the coil at positive x and y, the last of its row.
+    # The coil at positive x and y, the last of its row, has the largest current.
     assert problem.where == "current of coil 6"
     assert float(problem.received.split()[0]) == pytest.approx(1.5 * 1.3 * 1.3, rel=1e-5)
     assert " 2 A" in problem.must_hold
@@ -65,7 +65,7 @@ def test_what_is_beyond_the_domain_is_named_with_its_range(domain, currents, whe
 
 
 def test_the_core_takes_the_domain_with_its_rounding():
-    """A billionth of the range beyond its ends, and of the limit."""
+    """The domain is widened by a billionth of the range at its ends, and of the limit."""
     for checked in (False, True):
         found = compiled_domain(FREE, checked)
         assert (found.checked, found.limit) == (checked, np.inf)
@@ -84,12 +84,12 @@ def test_the_core_takes_the_domain_with_its_rounding():
     [(1, 30, 31), (2, 16, 153), (3, 12, 455), (4, 7, 330), (6, 4, 210), (7, 4, 330)],
 )
 def test_expansions_have_all_products_up_to_a_degree(signals, degree, count):
-    """Of the highest degree with 170 of them at most, or 460 up to the twelfth: binomials of signals and degree."""
+    """The highest degree with 170 products at most, or 460 up to degree twelve; numbers of products are binomials."""
     terms = expansion_terms(signals)
     assert terms.shape == (count, 3)
     degrees = degrees_of(terms)
     assert (degrees.min(), degrees.max()) == (0, degree)
-    # At random signals the products of Chebyshev's polynomials, each once.
+    # At random signals each product of Chebyshev polynomials occurs once.
     domain = compiled_domain(
         CurrentDomain(IndependentCurrents(signals), np.full(signals, -2.0), np.arange(1.0, signals + 1.0)),
         False,
@@ -106,7 +106,7 @@ def test_expansions_have_all_products_up_to_a_degree(signals, degree, count):
     if powers:
         exact = np.array([np.prod([single[k][n] for k, n in enumerate(p)], axis=0) for p in powers]).T
         np.testing.assert_allclose(np.sort(found, axis=1), np.sort(exact, axis=1), atol=1e-12)
-    # Beyond the domain those at its end.
+    # Beyond the domain the products keep their values at its end.
     np.testing.assert_allclose(products_of_terms(terms, np.array(domain.upper)[None] + 1.0, domain), 1.0)
 
 

@@ -73,7 +73,7 @@ def test_chosen_rule_agrees_with_a_fine_sum_over_the_closed_form(field, shape):
         currents = np.array([2.0, -1.0])
         force, torque = fine_sum(shape, position, TURN, currents)
         wrench = magnet.wrench(field, position, currents, TURN)
-        # The sum's own error is (1/40)^2 of the second-order part, which is what a point dipole misses.
+        # The sum's own error is (1/40)^2 of the second-order part, which a point dipole leaves out.
         missed = point.wrench(field, position, currents, TURN) - np.concatenate([force, torque])
         for part, exact in ((slice(0, 3), force), (slice(3, 6), torque)):
             size = np.linalg.norm(exact)
@@ -99,7 +99,7 @@ def test_magpylib_finds_the_same_force_and_torque(field):
 
 
 def test_a_sphere_is_a_point_dipole(field):
-    # Against a rule of its own: Gauss in the radius and in cos(theta), even angles; exact to degree 11.
+    # Against another rule: Gauss in the radius and in cos(theta), even angles; exact to degree 11.
     nodes, weights = np.polynomial.legendre.leggauss(6)
     r, of_r = (nodes + 1) / 2, weights / 2 * 3 * ((nodes + 1) / 2) ** 2
     angle = 2 * np.pi * np.arange(12) / 12
@@ -180,8 +180,8 @@ def test_a_sphere_without_iron_feels_no_force(field):
 
 
 def test_rules_are_tried_where_the_magnet_fits_in_either_coil_and_any_way_up(monkeypatch):
-    """In all directions, forty places all over what is left of the box; the error is the largest of force or torque, as
-    a share of its own largest."""
+    """Forty places all over the box that the magnet fits in, in random directions; the error is the larger of force and
+    torque, each relative to its own largest."""
     lower, upper, radius = np.array([-0.02, -0.01, 0.03]), np.array([0.04, 0.03, 0.06]), 0.5 * np.sqrt(77e-6)
     asked, box = [], MagnetBlock(size=(0.004, 0.005, 0.006), remanence=1.2)
 
@@ -197,7 +197,7 @@ def test_rules_are_tried_where_the_magnet_fits_in_either_coil_and_any_way_up(mon
 
     monkeypatch.setattr(MagneticBody, "wrench", wrench)
     found = finite_magnet(box, Noting(LOOPS, 1e3), 0.2)
-    # From eight points to 27 the force changes by 3 / 8 - 3 / 27 of 5 and a little, the torque by half of its share.
+    # From 8 points to 27 the force changes by 3 / 8 - 3 / 27 of about 5, the torque by a smaller share.
     assert (len(found.points), len(asked)) == (8, 3)
     force = 3.0 * (1.0 / 8.0 - 1.0 / 27.0)
     assert found.error == pytest.approx(force / np.hypot(3.0 * (1.0 + 1.0 / 27.0), 4.0))
@@ -213,7 +213,7 @@ def test_rules_are_tried_where_the_magnet_fits_in_either_coil_and_any_way_up(mon
 
 
 class Pole(Field):
-    """A magnetic charge of 1 A m at a distance along z: a source for which a sphere's answer is a known series."""
+    """A magnetic charge of 1 A m at a distance along z, for which the response of a sphere is a known series."""
 
     coil_names = ()
 
@@ -253,7 +253,7 @@ def test_soft_sphere_beside_a_pole(mu_r):
 
 
 def test_soft_sphere_in_a_map(field):
-    # Small: the slope of its energy in the field, (4 pi a^3 / 2 mu0) |B|^2.
+    # For a small sphere: the slope of its energy in the field, (4 pi a^3 / 2 mu0) |B|^2.
     position, currents, step = np.array([0.0031, 0.0027, 0.0019]), np.array([1.0, 2.0]), 1e-5
     force = soft_sphere_force(field, position, currents, 1e-4)
     for j in range(3):
@@ -264,7 +264,7 @@ def test_soft_sphere_in_a_map(field):
 
 
 def test_a_moment_that_was_measured_is_that_of_the_dipole():
-    """Beside a shape: that of its remanence only where none is given."""
+    """With a shape too; the moment of its remanence counts only where no moment is given."""
     shape = MagnetCylinder(0.01, 0.012, 1.3)
     dipole = magnetic_body(Payload(mass=0.01, moment=0.9, magnet=shape), 1)
     assert dipole.points.tolist() == [[0.0, 0.0, 0.0]]
@@ -273,11 +273,11 @@ def test_a_moment_that_was_measured_is_that_of_the_dipole():
     assert magnetic_body(Payload(mass=0.01, magnet=shape)).moment == pytest.approx(
         1.3 * volume / mu_0, rel=1e-8
     )
-    # One that follows from the shape leaves its numbers as they are.
+    # A moment that follows from the shape leaves the shape's numbers as they are.
     np.testing.assert_array_equal(
         magnetic_body(Payload(mass=0.01, magnet=shape), 2).moments, magnetic_body(shape, 2).moments
     )
-    # Of finite size it has the same moment, spread as the shape is.
+    # A finite body has the same moment, spread as the shape is.
     for level in (2, 3):
         finite = magnetic_body(Payload(mass=0.01, moment=0.9, magnet=shape), level)
         assert len(finite.points) > 1

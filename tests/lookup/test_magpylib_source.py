@@ -74,7 +74,7 @@ def test_show_draws_box_windings_and_iron(coarse):
 
 
 def test_outlines_of_a_recorded_device(dipoles):
-    """A map that was made of a device records its text: windings and iron are drawn from it."""
+    """A map made of a device records its text: windings and iron are drawn from the text."""
     from dataclasses import replace
 
     data = dipoles.map((3, 3, 3), n_coils=1)

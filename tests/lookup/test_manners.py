@@ -1,4 +1,4 @@
-"""What an opened map does with odd arguments, threads, pickles, and who it drags in."""
+"""An opened map with odd arguments, threads and pickles, and the modules that it loads."""
 
 import importlib
 import os
@@ -213,7 +213,7 @@ def test_wrench_of_one_dipole_is_that_of_many(coarse, dipoles):
     close = {"rtol": 1e-13, "atol": 1e-15 * np.abs(many).max()}
     np.testing.assert_allclose([coarse.wrench(p, moment, CURRENTS) for p in points], many, **close)
     np.testing.assert_allclose([at.wrench(p, moment) for p in points], summed, **close)
-    # F_j = m_i G_ij and T = m x B, by hand.
+    # By hand: F_j = m_i G_ij and T = m x B.
     flux, slope = coarse.field_and_gradient(points[0], CURRENTS)
     np.testing.assert_allclose(many[0, :3], moment @ slope, rtol=1e-13)
     np.testing.assert_allclose(many[0, 3:], np.cross(moment, flux), rtol=1e-12)
@@ -222,7 +222,7 @@ def test_wrench_of_one_dipole_is_that_of_many(coarse, dipoles):
 @pytest.mark.parametrize("kind", ["hermite", "harmonic", "global"])
 @pytest.mark.parametrize("fixed", [(), ("magnet",)])
 def test_wrench_of_one_dipole_beside_a_field_that_no_current_drives(dipoles, kind, fixed):
-    """The last of the fields is one of 0.7 A in the third coil, or driven by the currents like the others."""
+    """The third field is the field of 0.7 A that no current drives, or is driven by the currents like the others."""
     given = dipoles.map((6, 5, 6))
     names, one = (given.coil_names[:2], np.ones(2)) if fixed else (given.coil_names, np.ones(3))
     weights = np.array([1.2, -0.4, 0.7 if fixed else 0.3])
@@ -275,8 +275,8 @@ def test_threads_give_the_same_bits(dipoles, kind):
 
 @pytest.fixture(scope="module")
 def another_process():
-    """What a process of its own answers that opens a map: the modules that it has then; whether a large batch in a
-    forked one, and after it in its parent, gives the same numbers, where the system forks."""
+    """Output of a process that opens a map: its loaded modules; and, where the system forks, whether a large batch
+    gives the same numbers in a forked process and afterwards in its parent."""
     program = (
         "import os, sys, numpy as np, fieldmap as fm\n"
         "m = fm.open_map('sample', threads=2)\n"
@@ -299,7 +299,7 @@ def another_process():
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
 def test_a_forked_process_has_threads_of_its_own(another_process):
-    """The threads of the parent do not live on in it: a large batch must neither hang nor give other numbers."""
+    """The parent's threads do not exist in the child: a large batch must neither hang nor give other numbers."""
     assert another_process[1:] == ["child 0 parent True"]
 
 
@@ -350,7 +350,7 @@ def test_says_what_it_is(coarse, dipoles):
 
 
 def test_opening_a_map_loads_nothing_that_a_lookup_does_not_need(another_process):
-    """It takes seconds, and the schema of devices a fifth of one, for what a program in flight never asks for."""
+    """They take seconds to load, and the schema of devices a fifth of a second; no lookup needs them."""
     loaded = another_process[0].split()
     assert "fieldmap.lookup" in loaded
     parts = ("fieldmap.iron", "fieldmap.maps", "fieldmap.sources")
@@ -360,12 +360,12 @@ def test_opening_a_map_loads_nothing_that_a_lookup_does_not_need(another_process
 
 
 def text_of(card):
-    """Words of an HTML card."""
-    return re.sub(r"<[^>]*>|\\s+", " ", card).split()
+    """The words of an HTML card."""
+    return re.sub(r"<[^>]*>", " ", card).split()
 
 
 def test_what_it_is_in_numbers(dipoles):
-    """Box in mm, nodes, coefficients and errors, each a number of its own."""
+    """Box in mm, nodes, coefficients and errors: each is a different number."""
     data = replace(
         dipoles.map((6, 5, 7), 2),
         provenance=Provenance(title="two dipoles", device_name="rig", assumptions=("no iron",)),
@@ -387,7 +387,7 @@ def test_what_it_is_in_numbers(dipoles):
     assert "1 coil," in repr(one)
     assert m.assumptions == ("no iron",)
     assert (m.error_bound.flux_density, m.error_bound.gradient) == (1.4e-6, 3.5e-4)
-    # The step of the gradient grows with the current that is largest beside its reference, and is at least that of it.
+    # The gradient's step grows with the largest current over its reference, and is at least the step at the reference.
     step = m.jump().gradient_bound
     for currents, share in (([4.0, 0.5], 2.0), ([-1.0, -2.0], 4.0), ([0.2, 0.1], 1.0)):
         assert m.gradient_jump(np.array(currents)) == pytest.approx(share * step)
@@ -412,7 +412,7 @@ def test_of_saturating_iron_both_errors_are_told():
     assert (m.proportional, m.affine) == (False, False)
     assert saturates(m)
     free = interpolate(saturating_data(free=True))
-    # Lookups by rows of currents, by the last set and by others are one; derivatives are those of the model.
+    # Lookups by rows of currents, the last set and other sets agree; derivatives are those of the model.
     random = np.random.default_rng(9)
     points, rows = random.uniform(-0.015, 0.015, (3, 3)), random.uniform(-2.0, 2.0, (3, 6))
     apart = np.array([free.field(point, row) for point, row in zip(points, rows, strict=True)])
@@ -431,7 +431,7 @@ def test_of_saturating_iron_both_errors_are_told():
             np.testing.assert_allclose(found, exact, atol=2e-2 * np.abs(exact).max() + 1e-9)
     np.testing.assert_allclose(flux, free.field(points, rows[0]), rtol=1e-5, atol=1e-9)
     np.testing.assert_allclose(slope, free.gradient(points, rows[0]), rtol=1e-5, atol=1e-8)
-    # The tangent at currents touches the map there: its fields with these currents and 1 behind them.
+    # The tangent agrees with the map at its currents, where the weights are these currents and 1.
     block = tangent_block(free, rows[0])
     core = CoreMap(block)
     found, steep = np.empty((3, 3)), np.empty((3, 3, 3))
@@ -503,7 +503,7 @@ def test_threads_are_at_least_one(dipoles, asked, threads):
     assert interpolate(dipoles.map((4, 3, 4), 1), threads=asked)._box.threads == threads
 
 
-# What is equal where its numbers are; all other records hold arrays, and are equal to themselves alone.
+# These records are equal if their numbers are; all other records hold arrays and are equal to themselves only.
 OF_NUMBERS = {"Shortfall", "IronModel", "IronOfMap", "MapOutput", "Errors", "ExtremesTried", "Round", "Needs"}
 
 

@@ -41,7 +41,7 @@ def without(file, field):
 
 
 def bodies(device):
-    """A finite magnet; one with a soft bead beside it; the bead alone."""
+    """A finite magnet; the magnet with a soft bead; and the bead alone."""
     magnet = magnetic_body(device.payload, level=2)
     bead = magnetic_body(fm.SoftSphere(4e-3, mu_r=500.0))
     piece = bead.soft[0]
@@ -90,7 +90,7 @@ def test_stiffness_is_the_derivative_of_the_force(field, body):
 
 
 def test_actuation_holds_the_reaction(field, body):
-    """Matrix and constant about a current give the load there; the matrix is its derivative by the current."""
+    """Matrix and constant about a current give the load there; the matrix is the load's derivative by the current."""
     about = actuation(field, PLACE, CURRENT, body, TURN)
     load = body.wrench(field, PLACE, CURRENT, TURN)
     assert about.matrix[8:] @ CURRENT + about.constant[8:] == pytest.approx(load, rel=1e-9)
@@ -102,7 +102,7 @@ def test_actuation_holds_the_reaction(field, body):
 
 
 def test_all_ways_to_ask_agree(field, device):
-    """One dipole by the C core, a row of them, a body of one, numba's caller."""
+    """One dipole in the C core, several places, a body of one dipole, and numba's caller."""
     moment = np.array([0.1, 0.2, 1.0])
     load = field.wrench(PLACE, moment, CURRENT)
     one = MagneticBody(np.zeros((1, 3)), moment[None])
@@ -153,7 +153,7 @@ def test_left_out_and_outside(file, field, without):
 
 
 def test_force_on_the_magnet_as_a_body_of_the_device(file, device, tmp_path):
-    """The full solver, with the magnet meshed: at ten places, with the coil off and on."""
+    """The full solver with the magnet meshed: at several places, with the coil off and on."""
     field = fm.open_map(file)
     body = magnetic_body(device.payload, level=3)
     magnet = fm.PermanentMagnet("ndfeb", np.array([0.0, 0.0, 1.2]), 1.0)

@@ -21,7 +21,7 @@ NAN = np.nan
 
 @pytest.fixture(scope="module")
 def coils():
-    """Eight coils around the bodies, none alike, over a box."""
+    """Eight coils of random directions around the bodies, over a box."""
     made = []
     for k, axis in enumerate(Rotation.random(8, rng=np.random.default_rng(4))):
         place = fm.Placement(axis.apply([0.0, 0.0, 0.035]), axis.as_matrix())
@@ -43,14 +43,14 @@ def beads(material):
 
 
 def loads(field, bodies, currents, places=PLACES, turns=TURNS):
-    """By the simulator: force and torque (n, 6)."""
+    """Force and torque (n, 6) by the simulator."""
     turned = Rotation.from_matrix(turns).as_quat()[:, [3, 0, 1, 2]]
     several = SeveralBodies(field, [RigidBody(1e-3, np.full(3, 1e-8), one) for one in bodies])
     return several.wrench([state_of(p, quaternion=q) for p, q in zip(places, turned, strict=True)], currents)
 
 
 def test_forces_on_two_magnets_by_stacked_least_squares(coils, field):
-    """min |sqrt(R) I| with six rows: columns of forces by unit currents, less what the magnets do to each other."""
+    """min |sqrt(R) I| with six rows: columns of forces by unit currents, less the magnets' forces on each other."""
     idle = loads(field, magnets(), np.zeros(8))[:, :3].ravel()
     columns = np.array([loads(field, magnets(), unit)[:, :3].ravel() - idle for unit in np.eye(8)]).T
     root = np.sqrt(RESISTANCE)
@@ -80,7 +80,7 @@ def test_single_components_and_torques(field):
 
 @pytest.mark.parametrize("material", [{"mu_r": 1e3}, {"material": fm.material("steel_a3")}])
 def test_forces_on_soft_beads(field, material):
-    """The beads magnetise each other; derivatives by currents are those of the whole."""
+    """The beads magnetise each other; derivatives by currents contain this."""
     bodies, forces = beads(material), [[NAN, NAN, 2e-3], [NAN, NAN, 1e-3]]
     found = currents_for_several(field, PLACES, bodies, forces, orientations=TURNS)
     given = loads(field, bodies, found.currents)
@@ -123,7 +123,7 @@ def test_slopes_hold_the_reaction_of_the_iron(tmp_path):
 
 @pytest.mark.parametrize("free", [False, True])
 def test_forces_in_a_map_of_saturating_iron(free):
-    """By the search, over free currents and over those of a division."""
+    """By the search, over free currents and over currents of a division."""
     field, rows = saturating_map(free=free), np.array([[NAN, NAN, 0.0], [NAN, NAN, 0.0]])
     made = field.parametrisation
     start, aim = (
@@ -137,7 +137,7 @@ def test_forces_in_a_map_of_saturating_iron(free):
 
 
 def test_what_cannot_be_had_is_refused_with_rank_and_condition(coils):
-    """Two coils and three rows; and limits."""
+    """Two coils and three rows; and limits that are too small."""
     few = CoilSet(coils.coils[:2], coils.bounds)
     rows = [[0.01, NAN, 0.03], [NAN, NAN, 0.02]]
     with pytest.raises(Infeasible) as caught:

@@ -86,13 +86,13 @@ def test_a_saturated_sphere_has_the_moment_of_its_saturation():
     sphere = SoftSphere(4e-3, IRON)
     strong = 1e3 * FLUX
     np.testing.assert_allclose(np.linalg.norm(moment(sphere, strong)), sphere.volume * 2.0 / MU0, rtol=3e-5)
-    # At each field the law itself: h = b0 - J / 3.
+    # At each field the law holds: h = b0 - J / 3.
     for size in (1e-4, 0.1, 0.5, 0.66, 0.7, 1.0, 3.0):
         b0 = size * np.array([0.6, 0.0, 0.8])
         j = np.linalg.norm(moment(sphere, b0)) * MU0 / sphere.volume
         h = size - j / 3
         law = 999 * h / (1 + 999 * h / 2.0)
-        # The knots of the law are 240 for ten decades.
+        # The law has 240 knots for ten decades.
         assert j == pytest.approx(law, rel=2e-5)
 
 
@@ -131,7 +131,7 @@ def test_demagnetising_factors_of_three_axes():
         with pytest.raises(InputError) as caught:
             demagnetising_factors(wrong)
         assert caught.value.problems[0].where == "demagnetising_factors(axes)"
-    # Equal axes need no integral, whose three values would differ by rounding.
+    # Equal axes need no integral; its three values would differ by rounding.
     assert demagnetising_factors([2.0, 2.0, 2.0]).tolist() == [1.0 / 3.0] * 3
 
 
@@ -164,7 +164,7 @@ def test_ellipsoids_of_a_law_fulfil_its_equations(size):
 
 
 def test_knots_of_a_law_have_the_integral_of_its_cubics():
-    """J dh from 0 on, by scipy's cubics; of a law whose knots and slopes follow no rule."""
+    """The integral of J dh from 0, against scipy's cubics, for arbitrary knots and slopes."""
     h, j, slope = (
         np.array([0.0, 0.3, 1.0, 2.5]),
         np.array([0.0, 1.2, 1.7, 1.9]),
@@ -224,7 +224,7 @@ def test_slopes_by_the_currents_pass_a_taylor_test():
     about = wrench_actuation(field, at, body, currents, TURN)
     here = body.wrench(field, at, currents, TURN)
     np.testing.assert_allclose(about.matrix @ currents + about.constant, here, rtol=1e-12)
-    # A law of cubics is smooth to its second derivative but for a knot; steps stay within one.
+    # A law of cubics is smooth to its second derivative except at knots; the steps stay between two knots.
     steps = np.array([1e-2, 3e-3, 1e-3])
     off = [
         np.linalg.norm(body.wrench(field, at, currents + s * along, TURN) - here - s * about.matrix @ along)
@@ -262,7 +262,7 @@ def test_stiffness_is_the_slope_of_the_force():
     np.testing.assert_allclose(stiffness, exact, atol=1e-4 * np.abs(exact).max())
 
 
-# One dipole leaves out the answer to the gradient, six that to the second gradient.
+# One dipole leaves out the response to the gradient, six dipoles the response to the second gradient.
 @pytest.mark.parametrize(("level", "order", "most"), [(1, 2.0, 0.02), (2, 4.0, 2e-4)])
 @pytest.mark.parametrize("mu_r", [1.5, 100.0, 1e9])
 def test_what_the_rule_of_a_sphere_leaves_out(level, order, most, mu_r):
@@ -277,7 +277,7 @@ def test_what_the_rule_of_a_sphere_leaves_out(level, order, most, mu_r):
         turning.append(np.linalg.norm(found[3:]) / (diameter / 2 * np.linalg.norm(exact)))
     assert np.polyfit(np.log(sizes), np.log(off), 1)[0] == pytest.approx(order, abs=0.1)
     assert off[-1] < most * level**order
-    # A sphere has no torque; six dipoles have one of the order that they leave out.
+    # A sphere has no torque; six dipoles have a torque of the order that they leave out.
     assert turning[-1] < (1e-13 if level == 1 else 3e-3)
 
 
@@ -290,7 +290,7 @@ def test_the_rules_of_a_cylinder_converge():
         / np.linalg.norm(exact[:3])
         for n in (1, 2, 3, 4)
     ]
-    # Rule n misses less than (a / R)^(2 n), a of the magnet 6.4 mm and R of the nearest wire 34 mm.
+    # Rule n misses less than (a / R)^(2 n); a: radius of the magnet, 6.4 mm; R: distance of the nearest wire, 34 mm.
     nearest = min(np.hypot(np.linalg.norm((at - c)[:2]) - r, (at - c)[2]) for r, c in LOOPS)
     gain = (np.hypot(5e-3, 4e-3) / nearest) ** 2
     assert (np.array(off) < gain ** np.arange(1, 5)).all()
@@ -332,7 +332,7 @@ def test_currents_for_a_force_on_a_bead(opened):
     for force in ([0.0, 0.0, WEIGHT], [0.3 * WEIGHT, -0.5 * WEIGHT, 1.2 * WEIGHT], [0.0, 0.0, -WEIGHT]):
         currents = opened.currents_for(at, force=force, moment=bead)
         np.testing.assert_allclose(opened.wrench(at, bead, currents)[:3], force, atol=1e-8 * WEIGHT)
-        # Warm, and nearby: no more power than a little.
+        # From a start nearby the power is only a little more, if at all.
         again = opened.currents_for(at, force=force, moment=bead, start=1.02 * currents)
         assert again @ again <= (1 + 1e-4) * (currents @ currents)
     # No direction in the null space of the slopes saves power.
@@ -343,7 +343,7 @@ def test_currents_for_a_force_on_a_bead(opened):
 
 
 def test_least_power_of_one_axis_is_the_strongest_eigenvector(opened):
-    # Linear iron, only F_z asked for: F_z = i^T Q i, the least power is F_z over the largest eigenvalue.
+    # Linear iron, F_z only: F_z = i^T Q i, and the least power is F_z over the largest eigenvalue.
     bead, at = magnetic_body(SoftSphere(3e-3, mu_r=1e9)), np.array([0.001, -0.002, 0.001])
     flux, slope = opened.unit_field(at), opened.unit_gradient(at)
     matrix = 3 * BEAD.volume / MU0 * np.einsum("ki,ni->kn", flux, slope[:, :, 2])
@@ -352,7 +352,7 @@ def test_least_power_of_one_axis_is_the_strongest_eigenvector(opened):
     assert currents @ currents == pytest.approx(WEIGHT / largest, rel=1e-5)
 
 
-# One that is met and one that is not; each took 4000 evaluations of the field and more without a bound.
+# One demand is met, one is not; without a bound each took 4000 evaluations of the field and more.
 @pytest.mark.parametrize(
     ("at", "force", "limits", "met"),
     [
@@ -394,7 +394,7 @@ def test_currents_for_more_than_limits_allow(opened):
         opened.currents_for(at, force=1e3 * force, moment=bead, limits=limit)
     problem = caught.value.problems[0]
     assert problem.where == "currents_for"
-    # No start was given that could be moved; and of all searches the one that reached most is told of.
+    # No start was given that could be moved; the error is of the search that reached most.
     assert "move start" not in problem.remedy
     assert "start=" in problem.remedy
     assert caught.value.reachable[2] > 0.5 * force[2]
@@ -403,7 +403,7 @@ def test_currents_for_more_than_limits_allow(opened):
 
 
 def test_currents_of_one_sense_for_a_bead(opened):
-    """A bead is pulled by the square of the currents: all of them turned about give the same force."""
+    """A bead is pulled by the square of the currents: reversed currents give the same force."""
     bead, at, coils = magnetic_body(BEAD), np.array([0.001, -0.002, 0.001]), len(opened.coil_names)
     force = np.array([np.nan, np.nan, 0.5 * WEIGHT])
     none, most = np.zeros(coils), np.full(coils, 50.0)
@@ -440,7 +440,7 @@ def test_a_field_of_points_takes_bodies_as_a_map_does(opened):
 
 
 def test_moments_and_energies_of_places_are_those_of_each(opened):
-    """Of two soft pieces and a magnet, with currents for all places or for each."""
+    """Two soft pieces and a magnet, with one row of currents for all places or a row for each."""
     body, amperes = magnetic_body(PAIR), np.linspace(-3.0, 4.0, 8)
     places, turns = 1e-3 * np.array([[1.0, 0.5, -2.5], [-0.5, 1.0, 0.0]]), np.stack([TURN, TURN.T])
     for currents in (amperes, np.array([amperes, 0.5 * amperes])):

@@ -1,4 +1,4 @@
-"""Maps as xarray data sets: what xarray finds in them is what the map gives, and nothing is lost on the way."""
+"""Maps as xarray data sets: xarray finds the values of the map, and nothing is lost on the way."""
 
 import sys
 import warnings
@@ -27,7 +27,7 @@ def xarray():
 
 @pytest.fixture(scope="module")
 def field(dipoles):
-    """The Hermite form goes through the values of the nodes; counts and sides of the box differ."""
+    """The Hermite form passes through the values at the nodes; counts and sides of the box differ."""
     data = dipoles.map((6, 5, 7))
     made = Provenance(title="three dipoles", device_name="none", assumptions=("no iron", "steady currents"))
     about = {"provenance": made, "flux_density": data.flux_density, "gradient": data.gradient}
@@ -79,7 +79,7 @@ def test_through_plain_python_and_back(xarray, field, currents):
 
 
 def test_a_map_made_of_it_gives_the_same_field_everywhere(xarray, field, dipoles):
-    """Through a table of pandas, which knows neither our order of nodes nor of components."""
+    """Through a pandas table, which does not keep our order of nodes and components."""
     data = field.to_xarray()
     frames = {name: data[name].to_dataframe().sample(frac=1, random_state=0) for name in data.data_vars}
     again = {name: frame.to_xarray()[name] for name, frame in frames.items()}
@@ -121,7 +121,7 @@ def test_the_certified_error_is_that_of_the_lookup(xarray, dipoles):
     assert units["unit_flux_density"].attrs["certified_error"] == 1e-6
     assert units["unit_gradient"].attrs["certified_error"] == 2e-4
     assert "certified_error" not in interpolate(bounded).to_xarray(1.0)["flux_density"].attrs
-    # What no current drives has no error of its own.
+    # The constant field has no certified error of its own.
     fixed = replace(
         bounded,
         coil_names=("a", "b"),
@@ -155,7 +155,7 @@ def test_without_xarray_the_extra_is_named(field, monkeypatch):
 
 
 def test_xarray_opens_a_map_file(xarray):
-    """By the entry point that the installation has."""
+    """By the entry point of the installed package."""
     m = fieldmap.open_map(SAMPLE)
     units, data = (
         xarray.open_dataset(SAMPLE, engine="fieldmap", **given) for given in ({}, {"currents": 1.5})

@@ -1,4 +1,4 @@
-"""Whoever opens maps and looks fields, forces and currents up needs no scipy, and gets the same numbers without."""
+"""Opening maps and looking up fields, forces and currents needs no scipy, and gives the same numbers without it."""
 
 import json
 import subprocess
@@ -134,7 +134,7 @@ def folder(tmp_path_factory):
 
 
 def told(program, folder, refused):
-    """What a program prints as JSON where these modules cannot be imported."""
+    """The JSON output of a program in which these modules cannot be imported."""
     command = [sys.executable, "-c", REFUSE + program, str(folder), refused]
     done = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -161,7 +161,7 @@ def test_commands_that_need_scipy_name_its_extra(folder):
     assert codes == [1, 1, 1, 0]
     assert errors.count('pip install "fieldmap[levitation]"') == 3
     assert "Traceback" not in errors
-    # A map's contents are printed, but for the currents that lift the payload.
+    # A map's contents are printed, except the currents that lift the payload.
     summary = json.loads(printed)
     assert summary["lift"] == []
     assert 'pip install "fieldmap[levitation]"' in summary["lift_missing"]

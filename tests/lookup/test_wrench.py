@@ -49,8 +49,8 @@ def work_around_a_loop(field, n):
 
 
 def test_work_around_a_loop_vanishes(dipoles):
-    # F is the gradient of m . B of the very interpolant: conservative even on a coarse grid. Trapezoid sums over
-    # a smooth closed path converge fast; a force not derived from an energy leaves a constant behind.
+    # F is the gradient of m . B of the interpolant itself: conservative even on a coarse grid. Trapezoid sums over a
+    # smooth closed path converge fast; a force without an energy would leave a constant.
     work, power, _ = work_around_a_loop(interpolate(dipoles.map((6, 5, 6)), "hermite"), 800)
     assert abs(work) < 1e-6 * power
 

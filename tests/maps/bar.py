@@ -1,4 +1,4 @@
-"""A bar of iron on smooth modes, each weaker in the field than the last."""
+"""A bar of iron on smooth modes; each mode has a weaker field than the one before."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from fieldmap.iron.solvers.reduced import GalerkinModel
 
 @dataclass
 class Bar:
-    """A model, and the numbers that are looked at of the field of each mode (r, k)."""
+    """A model, and some numbers (r, k) of the field of each mode."""
 
     model: GalerkinModel
     fields: np.ndarray
@@ -24,7 +24,7 @@ def solved(model, currents, tolerance=1e-10):
 
 
 def bar(tables, coils, modes, points, field=5e-3, falls=1, seen=12):
-    """field: size of that of the coils at the points, T; falls: power by which fields of modes fall."""
+    """field: size of the coils' field at the points, T; falls: power by which the fields of modes fall."""
     random, places = np.random.default_rng(4), np.linspace(0.0, 1.0, points)
     waves = np.cos(np.pi * places[:, None] * np.arange(modes) + random.uniform(0.0, 3.0, (3, 1, modes)))
     gradients = np.moveaxis(waves, 0, 1).reshape(3 * points, modes) * np.geomspace(1.0, 0.05, modes)

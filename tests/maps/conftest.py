@@ -65,7 +65,7 @@ def rig_map(tmp_path_factory):
 
 @pytest.fixture
 def coarse(rig):
-    """That folder, with nodes so far apart that a map takes little time: for what does not depend on them."""
+    """The folder of a coarse recipe, quick to map, for tests that do not depend on the nodes."""
     (rig / "recipe.toml").write_text(RECIPE.replace("spacing_mm = 2.0", "spacing_mm = 6.0"))
     return rig
 
@@ -90,14 +90,14 @@ def write_few_states(folder):
 
 @pytest.fixture
 def few_states(tmp_path):
-    """Recipe file of a quick map of the two cores: ten states for training, two held out, four corners. They do not
-    reach what it asks for."""
+    """Recipe file of a quick map of the two cores: ten states for training, two held out, four corners. The states do
+    not reach the accuracy of the recipe."""
     return write_few_states(tmp_path)
 
 
 def with_little_care(patch):
-    """A training that cannot reach what is asked for uses up all that it may: of choices of points, and of states at
-    which they are tried, that is little here. How well few points and modes do is the claim of other tests."""
+    """Limit the rounds of the choice of sample points and the states tried in each. A training that cannot reach the
+    accuracy uses up all of them. Other tests cover the accuracy of few points and modes."""
     patch.setattr(condensation, "_STATES", 60)
     patch.setattr(sequence, "ROUNDS", 6)
     patch.setattr(sampling, "_EXTREMES", 8)
@@ -106,8 +106,8 @@ def with_little_care(patch):
 
 @pytest.fixture(scope="session")
 def few_states_map(tmp_path_factory):
-    """The map of that recipe, its error accepted, to be read only: path, the fields that its certificate asked for at
-    points, and the texts of its progress."""
+    """The map of that recipe with its error accepted, to be read only: path, the field function of its certificate, and
+    the texts of its progress."""
     asked, told, folder = [], [], tmp_path_factory.mktemp("few_states")
 
     def keep(data, fields, weights):

@@ -1,4 +1,4 @@
-"""A map that is less accurate than its recipe asks is written only if that is accepted, and says so ever after."""
+"""A map that misses the accuracy of its recipe is written only if accepted, and each use of it says so."""
 
 import io
 import json
@@ -40,7 +40,7 @@ def ran(*words):
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    """The same command without --accept-error, with it, without it and with it; what was there after each."""
+    """The same command without --accept-error, with it, without it and with it; and the files after each run."""
     folder = tmp_path_factory.mktemp("accepted")
     recipe, target = write_few_states(folder), folder / "map.h5"
     solves, solve = [], NonlinearSolver.solve_potential
@@ -81,12 +81,12 @@ def test_it_is_not_written_and_what_was_solved_is_kept(runs, data):
     assert first.solves > 10
     error = first.error
     assert (error["error"], error["exit_code"]) == ("MapErrorTooLarge", 1)
-    # All of them are used up here; which of them leaves most is the training's to say.
+    # All parts are used up here; the training decides which part leaves most.
     assert error["part"] in ("states", "modes", "points", "fields")
     (problem,) = error["problems"]
     line = runs.recipe.read_text().splitlines().index("accuracy = 1e-9") + 1
     assert problem["where"] == f"{runs.recipe}:{line}: currents.accuracy"
-    # What would reach it and what writes it as it is.
+    # The remedy names the limit to raise and the option that writes the map as it is.
     assert re.search(rf"currents\.{error['part']} from \d+ to \d+", problem["remedy"])
     assert "--accept-error" in problem["remedy"]
     reached, report = error["reached"], data.provenance.solver_report
@@ -136,7 +136,7 @@ def test_without_the_option_it_goes_on_to_fail_and_the_map_stays(runs):
 )
 def test_every_command_that_opens_it_says_so_in_one_line(runs, tmp_path, words):
     named = {"MAP": runs.target, "CSV": tmp_path / "map.csv", "LOG": tmp_path / "run.log"}
-    # As with -W error: a warning of a map ends no command.
+    # As with -W error: a map's warning does not end a command.
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         done = ran(*(named.get(word, word) for word in words))
@@ -157,7 +157,7 @@ def test_check_does_not_call_it_free_of_problems(runs, data):
 
 
 def test_opening_it_warns_each_time(runs):
-    """By the rules of Python as they are without a test around: in a process of its own."""
+    """In a process of its own, with Python's own warning rules."""
     code = "import sys, fieldmap as fm\nfor _ in range(3): fm.open_map(sys.argv[1])"
     done = subprocess.run(
         [sys.executable, "-c", code, runs.target], capture_output=True, text=True, check=True
@@ -165,7 +165,7 @@ def test_opening_it_warns_each_time(runs):
     assert done.stderr.count("MapAccuracyWarning") == 3
     with pytest.warns(MapAccuracyWarning) as caught:
         fm.open_map(runs.target)
-    # At the line that opens it.
+    # The warning is at the line that opens the map.
     assert caught[0].filename == __file__
 
 
@@ -183,7 +183,7 @@ def test_maps_of_earlier_versions_warn_and_say_that_extremes_were_not_searched(d
     assert (summary.missed_accuracy.flux_density_share, summary.missed_accuracy.gradient_share) == tuple(
         largest(data.provenance.solver_report)
     )
-    # Of before there was anything to miss: nothing is known to be wrong.
+    # A report without these entries is older: no missed accuracy is known.
     older = rewritten(data, tmp_path / "older.h5", held_out_within=None, extremes=None)
     fm.open_map(older)
     for path in (old, older):
@@ -216,7 +216,7 @@ def test_a_map_within_its_accuracy_is_written_and_opened_without_a_word(data, tm
 
 
 def test_what_is_asked_of_the_accuracy():
-    """B within twice what was asked for, the gradient within twice that, at states of every kind."""
+    """B within twice the requested accuracy, the gradient within four times, at states of every kind."""
 
     def report(*errors, **more):
         names = ("flux_density_share", "gradient_share", "states")
@@ -231,7 +231,7 @@ def test_what_is_asked_of_the_accuracy():
     assert missed_accuracy({"states_tried": report((1.0, 1.0, 3))["states_tried"]}) is None
     assert missed_accuracy({"held_out_within": 2e-3, "states_tried": {}}) is None
     assert missed_accuracy({}) is None
-    # A file may say anything.
+    # A file may contain anything.
     for tried in (
         [],
         "none",
@@ -243,13 +243,13 @@ def test_what_is_asked_of_the_accuracy():
 
 
 def rounds(*shares):
-    """Errors that states after 3, 7, 11, ... others had."""
+    """Errors after 3, 7, 11, ... states."""
     errors = ({"flux_density_share": share, "gradient_share": share} for share in shares)
     return [{"solved": 3 + 4 * k, "errors": one} for k, one in enumerate(errors)]
 
 
 def parts(states, points, condensation, limits, in_vain=False):
-    """What a training says of the parts of its error, and that it took these of its limits."""
+    """A training's report of the parts of its error, with these limits reached."""
     return {
         "states": states,
         "points": points,
@@ -295,7 +295,7 @@ def test_without_parts_no_part_is_known():
 
 
 def test_where_modes_cannot_hold_the_states_points_are_not_tried_in_vain(tmp_path, monkeypatch):
-    """Six modes of ten states and their tangents, where two hundred would hold all of these."""
+    """Six modes for ten states and their tangents, which two hundred modes would hold."""
     for module in (sequence, training):
         monkeypatch.setattr(module, "most_modes_of", lambda domain: 6)
     monkeypatch.setattr(condensation, "_STATES", 60)
@@ -316,7 +316,7 @@ def test_where_modes_cannot_hold_the_states_points_are_not_tried_in_vain(tmp_pat
 
 
 def test_what_the_search_of_the_condensed_model_finds_is_trained_on_and_counted(tmp_path, monkeypatch):
-    """One of its states is said to fall short, once; and of those of the last search the modes to leave a quarter."""
+    """One state of the first search is made to fall short; of the last search the modes are made to leave a quarter."""
     monkeypatch.setattr(condensation, "_STATES", 60)
     condense, measure = training._condensed_and_tried, training._error_parts
     searches, trained_on, measured = [], [], []
@@ -355,16 +355,16 @@ def test_what_the_search_of_the_condensed_model_finds_is_trained_on_and_counted(
 
 def test_the_states_that_are_needed_follow_from_the_rounds_and_cost_what_states_cost():
     used = {"error_parts": parts(0.1, 0.0, 0.0, ["states"])}
-    # A tenth for 16 states more: 0.1 after 3 of them, 1e-3 after 35.
+    # An error of 0.1 after 3 states falls to a tenth for every 16 states more: to 1e-3 after 35.
     few = Plan(**{**vars(PLAN), "states": 15})
     about = used | {"rounds": rounds(*(0.1 * 10 ** (-k / 4) for k in range(3)))}
     found = shortfall(about | {"states_solved": 50, "generation_seconds": 100.0}, few)
     assert found.states == 35
     assert found.seconds == pytest.approx(100.0 * (50 + 20) / 50)
-    # Rounds that lead nowhere, and those that were good enough where other states are not: twice as many.
+    # Rounds without progress, and rounds that were good while other states were not: twice as many states.
     for shares in ((0.1, 0.1, 0.2), (0.1, 1e-4), (0.1,)):
         assert shortfall(used | {"rounds": rounds(*shares)}, few).states == 30
-    # No recipe holds more.
+    # A recipe allows no more than 4096.
     most = Plan(**{**vars(PLAN), "states": 4096})
     assert shortfall(used, most).states is None
 
@@ -394,7 +394,7 @@ def test_the_refusal_of_a_map_states_its_errors_and_what_would_do():
     assert "raise currents.states from 40 to 80 (all states are solved anew), or" in problem.remedy
     assert "there.h5 is not written" in problem.remedy
     assert (caught.value.part, caught.value.reached.states) == ("states", 7)
-    # What is accepted, made without a plan, or within what was asked for, passes.
+    # A map passes if it is accepted, made without a plan, or within the requested accuracy.
     assert require_accuracy(missed(0.0123, 0.034), PLAN, Path("there.h5"), True) == caught.value.reached
     assert require_accuracy(missed(0.0123, 0.034), None, Path("there.h5"), False) == caught.value.reached
     assert require_accuracy(missed(0.002, 0.004), PLAN, Path("there.h5"), False) is None
@@ -404,7 +404,7 @@ def test_the_refusal_of_a_map_states_its_errors_and_what_would_do():
 
 @pytest.mark.parametrize(
     ("spent", "words"),
-    # 40 states more than the 50 solved: 1.8 times as long.
+    # 40 states more than the 50 solved take 1.8 times as long.
     [
         (49.7, "about 89 s,"),
         (50.0, "about 2 minutes,"),
@@ -424,7 +424,7 @@ def test_what_more_states_cost_is_told_in_a_rough_unit(spent, words):
 @pytest.mark.parametrize(
     ("flux", "gradient", "words"),
     [
-        # Half of the largest error, rounded up to two digits; of the gradient half as much counts.
+        # Half of the largest error, rounded up to two digits; the gradient's error counts half.
         (0.01234, 0.001, "accuracy = 0.0062,"),
         (0.0124, 0.0248, "accuracy = 0.0062,"),
         (0.001, 0.4961, "accuracy = 0.13,"),

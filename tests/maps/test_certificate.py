@@ -1,4 +1,4 @@
-"""The certificate of a map is a bound, and no loose one: against exact coils at many points, near all its faces too."""
+"""The certificate of a map is a tight bound: against exact coils at many points, near all its faces too."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ from tests.lookup.conftest import dipole_field, dipole_gradient
 
 
 def dense_points(opened, count=5_000):
-    """Random points in the box, and as many pushed onto its surface and onto the faces of its cells."""
+    """Random points in the box, and the same number on its surface and on the faces of its cells."""
     draw = np.random.default_rng(5)
     points = opened.lower + draw.random((count, 3)) * (opened.upper - opened.lower)
     on_surface, on_cells = points.copy(), points.copy()
@@ -63,7 +63,7 @@ def test_degrees_that_the_faces_do_not_see_are_bounded_in_the_ball_about_a_cell(
     stated = bounds.largest(coefficients[:, None, None], np.ones(1))
     assert (found <= stated).all()
     assert (found > 0.3 * stated).all()
-    # What the faces see does not count here, and fields add up by their scale.
+    # Degrees that the faces see do not count, and fields add up by their scale.
     seen = coefficients.copy()
     seen[:known] = 1e3
     both = bounds.largest(np.stack([seen, -seen], axis=1)[:, None], np.array([1.0, 0.5]))
@@ -125,7 +125,7 @@ def test_a_map_that_is_wrong_everywhere_by_one_percent_is_caught(rig_map):
 
 @pytest.mark.filterwarnings("ignore::fieldmap.errors.MapAccuracyWarning")
 def test_of_saturating_iron_it_holds_for_all_currents_of_the_domain(few_states_map):
-    """Against the fields that the weights add up, wherever the solver is asked: not the map's own nodes."""
+    """Against the weighted fields of the solver, at places other than the map's nodes."""
     points = dense_points(open_map(few_states_map.path), 500)
     flux, slope = few_states_map.fields(points)
     for kind in ("harmonic", "global"):
@@ -142,14 +142,14 @@ def test_of_saturating_iron_it_holds_for_all_currents_of_the_domain(few_states_m
             stated = opened.info.provenance.solver_report["largest_weights"]
             assert (np.abs(weights) <= stated).all()
         bound = opened.error_bound
-        # Chebyshev points cost a factor of up to 6.8 and 4; fields that cancel, and currents that are less, the rest.
+        # Chebyshev points cost a factor of up to 6.8 and 4; cancelling fields and smaller currents cost the rest.
         assert largest[0] <= bound.flux_density < 30 * largest[0]
         assert largest[1] <= bound.gradient < 30 * largest[1]
 
 
 def test_polynomials_of_cells_and_box_differ_by_no_more_than_the_bound(rig_map):
-    """It is that of the lookups' differences at Chebyshev points on the faces of all cells, which are found here by
-    lookups a little inside of them, and hardly more: the degrees that the points cannot see add little."""
+    """The bound is the factor times the largest difference of lookups at Chebyshev points on the faces of all cells,
+    here found a little inside the faces. The degrees that the points cannot see add little."""
     data = read_map(rig_map)
     scale = np.array([2.0, 0.5])
     whole, cells = global_form(data, "raise"), cell_form(data, "raise")
@@ -172,7 +172,7 @@ def test_polynomials_of_cells_and_box_differ_by_no_more_than_the_bound(rig_map):
 
 @pytest.mark.parametrize(("count", "degree"), [(24, 18), (12, 8), (5, 4)])
 def test_polynomials_stay_below_samples_times_the_factor(count, degree):
-    """Ehlich and Zeller, in two variables; worst of many random polynomials, and of cos(degree arccos)."""
+    """Ehlich and Zeller, in two variables: the worst of many random polynomials, and cos(degree arccos)."""
     draw, dense = np.random.default_rng(1), np.linspace(-1, 1, 201)
     nodes = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
     everywhere, there = (np.polynomial.chebyshev.chebvander(x, degree) for x in (dense, nodes))
@@ -222,7 +222,7 @@ def test_lookups_are_tried_all_over_the_box_and_in_its_outer_cells():
 
 @pytest.fixture(scope="module")
 def uneven():
-    """A map of two dipoles, of unequal reference currents, and their exact fields, the second of which is off."""
+    """A map of two dipoles with unequal reference currents, and their exact fields."""
     grid = Grid([-0.01, -0.012, -0.02], [3e-3, 4e-3, 3.5e-3], (7, 6, 8))
     sources = np.array([[0.0, 0.01, 0.05], [0.03, -0.05, -0.01]])
     moments = np.array([[0.0, 1.0, 2.0], [1.0, 0.5, -1.0]])
@@ -240,7 +240,7 @@ def uneven():
 
 
 def summed(opened, exact, points, scale):
-    """Largest sums over the fields, times their scale, of the norms of differences: B, then gradient."""
+    """Largest sums over the fields of scale times the norm of the difference: of B, then of the gradient."""
     ours = opened.unit_field(points), opened.unit_gradient(points)
     rows = [
         sum(
@@ -260,8 +260,8 @@ def test_the_measured_error_is_that_of_hermite_lookups_each_field_at_its_referen
 
 
 def test_the_bound_is_that_of_the_surface_and_of_the_cells(uneven):
-    """What the polynomial of the whole box is off at Chebyshev points of the surface, times the factor of these, and
-    what the cells' differ from it."""
+    """Largest error of the box's polynomial at Chebyshev points of the surface, times their factor, plus the difference
+    between the cells' polynomials and the box's."""
     data, exact = uneven
     scale = np.array([3.0, 0.25])
     asked = []
@@ -276,6 +276,6 @@ def test_the_bound_is_that_of_the_surface_and_of_the_cells(uneven):
     inner = difference_of_polynomials(cells, whole, data.grid, scale)
     for name, expected in (("global", wanted), ("harmonic", wanted + inner)):
         assert [bounds[name].flux_density, bounds[name].gradient] == pytest.approx(expected, rel=1e-6)
-    # Where no polynomial holds the whole box, nothing is certified.
+    # Where no polynomial fits the whole box, nothing is certified.
     flux = data.flux_density + np.random.default_rng(3).standard_normal(data.flux_density.shape)
     assert certified_bounds(replace(data, flux_density=flux), exact, scale) == {}

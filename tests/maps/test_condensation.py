@@ -30,13 +30,13 @@ class Case(Bar):
         return condensed(self.model, pair, self.domain, self.fields, self.off, accuracy)
 
     def changes(self, found, currents):
-        """Of the field, as shares of the accuracy, at currents (s, c)."""
+        """Changes of the field at currents (s, c), as shares of the accuracy."""
         whole = solved(self.model, currents)
         few = solved(found.model, currents) @ found.basis.T
         return self.off(currents, whole, few - whole) / ACCURACY
 
     def combined(self, count=16):
-        """So many modes, by the states of the choice."""
+        """This many modes, from the states of the choice."""
         by, _ = condensation._currents(self.domain)
         states = condensation._States(self.model, by, solved(self.model, by), self.fields, False)
         return condensation.Condensed(*states.combined(count, self.off), 0.0)
@@ -62,7 +62,7 @@ def test_fewer_modes_and_points_give_the_field_at_other_currents(free):
     assert found.model.weights.sum() == pytest.approx(free.model.weights.sum(), rel=0.01)
     others = free.domain.at(np.random.default_rng(77).random((100, 3)))
     changes = free.changes(found, others)
-    # The largest of a hundred others, where the largest of two hundred was within nine tenths.
+    # The bound holds for a hundred other states; the 200 states of the test were within nine tenths.
     assert changes.max() < 2.0
     assert np.median(changes) < 0.5
 
@@ -77,7 +77,7 @@ def test_modes_do_not_depend_on_the_numbers_of_modes_tried_before(free):
 
 
 def test_a_choice_that_leaves_nothing_at_once_is_taken(free, monkeypatch):
-    """Four places, thirty points at each: once all four are there, what is left drops to rounding in one step."""
+    """Four places, thirty points at each: with all four places the rest drops to rounding in one step."""
     monkeypatch.setattr(condensation, "_STATES", 100)
     monkeypatch.setattr(condensation, "_TRIED", 50)
     numbers = np.repeat([20, 90, 160, 250], 30)
@@ -89,7 +89,7 @@ def test_a_choice_that_leaves_nothing_at_once_is_taken(free, monkeypatch):
 
 
 def test_adjoint_states_make_the_field_better_than_proper_modes_alone(free, monkeypatch):
-    """By Becker and Rannacher the error is a product: of what is left of states and of adjoint states."""
+    """By Becker and Rannacher the error is a product of the projection errors of states and of adjoint states."""
     others = free.domain.at(np.random.default_rng(78).random((60, 3)))
     monkeypatch.setattr(condensation, "_ROUNDS", 0)
     errors = []
@@ -100,7 +100,7 @@ def test_adjoint_states_make_the_field_better_than_proper_modes_alone(free, monk
 
 
 def test_linear_iron_needs_a_mode_for_each_coil():
-    """Its states are sums of those of the coils, whatever else the modes hold: one step of modes is enough for all."""
+    """Its states are sums of the coils' states, whatever else the modes hold: one step of modes is enough."""
     box = CurrentDomain(IndependentCurrents(2), np.full(2, -1.0), np.full(2, 1.0))
     linear = case(straight_laws(np.array([50.0])), box)
     found = linear.condensed()
@@ -111,7 +111,7 @@ def test_linear_iron_needs_a_mode_for_each_coil():
 
 
 def test_changes_to_first_order_are_those_of_solves_on_the_basis(free):
-    """Of linear iron exactly; of saturating iron the rest falls with the square of what the basis leaves out."""
+    """For linear iron exactly; for saturating iron the rest falls with the square of the basis's projection error."""
     currents = free.domain.at(np.random.default_rng(4).random((20, 3)))
     linear = replace(free.model, tables=straight_laws(np.array([50.0])))
     for model, count, close in ((linear, 2, 1e-5), (free.model, 6, 0.2), (free.model, 12, 0.1)):
@@ -144,7 +144,7 @@ def test_states_beside_a_domain_of_few_signals_count(monkeypatch):
     found = divided.condensed()
     assert divided.changes(found, others).max() < 2.0
     assert divided.changes(found, beside).max() < 2.0
-    # The same number of modes, chosen without them, holds such currents less well.
+    # The same number of modes, chosen without such states, holds such currents less well.
     errors = []
     for share in (condensation._BESIDE, 0.0):
         monkeypatch.setattr(condensation, "_BESIDE", share)
@@ -153,7 +153,7 @@ def test_states_beside_a_domain_of_few_signals_count(monkeypatch):
 
 
 def test_adjoint_states_say_what_a_disturbance_changes(free):
-    """f . da / dr of the equation's constant r, by differences of solves."""
+    """f . da / dr for the constant r of the equation, by differences of solves."""
     currents = free.domain.at(np.array([[0.9, 0.3, 0.8]]))
     whole = free.model.solve(currents[0], np.zeros(free.model.modes), 1e-12)[0]
     states = condensation._States(free.model, currents, whole[None], free.fields, False)
@@ -184,12 +184,12 @@ def test_adjoint_states_say_what_a_disturbance_changes(free):
     ],
 )
 def test_the_fewest_modes_come_in_steps_of_eight(modes, needed, found):
-    """Of a model of which so many are needed; None where that is all of them."""
+    """A model that needs this many modes; None if it needs all."""
     assert condensation._fewest(modes, lambda count: count, lambda count: count >= needed) == found
 
 
 def test_states_of_the_choice_and_of_its_test_share_the_extremes(monkeypatch):
-    """Half of the first fill the domain, half are drawn; others are drawn for the test."""
+    """Half of the states of the choice fill the domain, half are drawn; the test draws other states."""
     box = CurrentDomain(IndependentCurrents(4), np.full(4, -1.5), np.full(4, 2.0))
     edges = box.parametrisation.currents(extreme_signals(box))
     by, tried = condensation._currents(box)
@@ -202,7 +202,7 @@ def test_states_of_the_choice_and_of_its_test_share_the_extremes(monkeypatch):
     for rows in (by, tried):
         assert (rows >= box.lower).all()
         assert (rows <= box.upper).all()
-    # Neither is in the order of the extremes.
+    # Neither keeps the order of the extremes.
     assert not np.array_equal(np.sort(by[400:], axis=0), np.sort(edges[::2], axis=0))
     many = CurrentDomain(IndependentCurrents(8), np.full(8, -1.5), np.full(8, 2.0))
     assert [len(rows) for rows in condensation._currents(many)] == [464, 264]
@@ -220,7 +220,7 @@ def test_currents_lie_beside_those_of_signals_by_a_twentieth_of_the_largest():
 
 
 def test_a_point_more_or_less_changes_the_linkages_by_its_condition(free):
-    """An error of a weight changes what a state links by itself, and moves the state: both are in the condition."""
+    """An error of a weight changes a state's linkage directly, and moves the state: the condition has both parts."""
     currents = np.array([0.9, -0.4, 1.3])
     amplitude = solved(free.model, currents[None], 1e-12)[0]
     conditions = free.model.conditions(currents, amplitude, free.fields, Weights(0.03, 1.0))
@@ -241,8 +241,8 @@ def test_a_point_more_or_less_changes_the_linkages_by_its_condition(free):
 
 
 def test_conditions_on_the_points_are_met_by_their_own_weights(free):
-    """All factors at one give what is wanted; an error of 1 % of the volume counts as one of half the accuracy in each
-    state."""
+    """With all factors at one the conditions are met exactly. An error of 1 % of the volume counts as half the accuracy
+    in each state."""
     currents = free.domain.at(np.random.default_rng(5).random((7, 3)))
     states = condensation._States(free.model, currents, solved(free.model, currents), free.fields, False)
     basis = np.eye(free.model.modes)
@@ -251,12 +251,12 @@ def test_conditions_on_the_points_are_met_by_their_own_weights(free):
     for products, wanted, size in found:
         np.testing.assert_allclose(products.sum(axis=1), wanted, rtol=1e-8)
         assert wanted.sum() == pytest.approx(size**2, rel=1e-9)
-    # Of fields and energies everything is in multiples of the accuracy.
+    # Conditions of fields and energies are multiples of the accuracy.
     rest = (1e-6 * found[0][0] - 1e-4 * found[1][0]) / (1e-6 - 1e-4)
     weight = 7 * 0.5**2 / 0.01**2
     scale = np.abs(found[1][0]).max()
     np.testing.assert_allclose(rest, weight * np.outer(volume, volume), atol=1e-8 * scale)
-    # One state: what a point less changes of the field, of the linkages, and a little of the energy.
+    # One state: the change by one point's weight of the field, of the linkages, and a little of the energy.
     one = condensation._States(free.model, currents[:1], solved(free.model, currents[:1]), free.fields, False)
     products, wanted, size = one.conditions(free.model, basis, 1e-3)
     weights = free.model.weights.copy()

@@ -74,7 +74,7 @@ def opened(request, path):
 
 
 def within(opened, ours, theirs, gradient=False):
-    """Within the certified bound, or of the Hermite form a share that its spacing gives."""
+    """Within the certified bound, or, for the Hermite form, within a share that the spacing gives."""
     bound = opened.error_bound
     if bound is None:
         return np.abs(ours - theirs).max() < 5e-3 * np.abs(theirs).max()
@@ -158,7 +158,7 @@ def test_currents_compensate_the_constant_field(opened):
     wanted = np.array([np.nan, np.nan, 2e-3])
     lift = opened.currents_for(place, force=wanted, moment=moment)
     assert opened.wrench(place, moment, lift)[2] == pytest.approx(2e-3, rel=1e-9)
-    # What is there without currents costs none.
+    # A demand that the constant field meets costs no current.
     free = opened.wrench(place, moment, 0.0)
     assert np.array_equal(opened.currents_for(place, torque=free[3:], moment=moment), [0.0, 0.0])
     with pytest.raises(Infeasible) as error:
@@ -166,7 +166,7 @@ def test_currents_compensate_the_constant_field(opened):
     share = error.value.share
     assert share is None or 0.0 < share < 1.0
     if share is not None:
-        # Exactly that share can be had, and no more.
+        # Exactly this share is feasible.
         some = opened.currents_for(
             place, force=[np.nan, np.nan, 0.05 * share * 0.999], moment=moment, limits=0.5
         )
@@ -242,7 +242,7 @@ def test_file_is_checked_and_refused_by_readers_of_before(path, tmp_path):
     assert found.info.fixed_sources == ("magnet", "background")
     assert found.info.field_names[-1] == "no current"
     with h5py.File(path) as file:
-        # What a reader of format 1 looks at first.
+        # A reader of format 1 checks this first.
         assert file["/fieldmap"].attrs["format_version"] == 2
         assert file["/ExternalFieldPath/3"].attrs["masterParameter"] == b"none"
         total = file["/data/0/meshes/B/z"][()]

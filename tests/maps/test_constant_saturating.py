@@ -57,7 +57,7 @@ def test_fields_are_those_of_a_fresh_solve_within_what_the_map_states(m, solver,
     b, g = solver.field(POINTS, [current]), solver.gradient(POINTS, [current])
     off = np.linalg.norm(m.field(POINTS, [current]) - b, axis=1).max()
     slope = np.linalg.norm((m.gradient(POINTS, [current]) - g).reshape(-1, 9), axis=1).max()
-    # What the states tried have found, and half as much for one that was not.
+    # The largest error at the tried states, and half as much more for a state that was not tried.
     assert off < m.error_bound.flux_density + 1.5 * m.current_error.flux_density
     assert slope < m.error_bound.gradient + 1.5 * m.current_error.gradient
     assert off < 1e-3 * np.abs(b).max()
@@ -163,7 +163,7 @@ def test_file_keeps_the_background_of_the_iron(path, m, tmp_path):
     assert data.reduced_model.fixed.size == 3 * len(data.reduced_model.weights)
     again = fm.open_map(write_map(tmp_path / "again.h5", data))
     assert np.array_equal(again.field(POINTS, [1.0]), m.field(POINTS, [1.0]))
-    # A background in the air that the iron does not know of, or the other way round, is no map.
+    # A background in the air and not in the iron, or the reverse, makes no map.
     other = replace(data.reduced_model, fixed=np.zeros(0))
     with pytest.raises(InputError):
         MapData(**{**vars(data), "reduced_model": other})
@@ -185,7 +185,7 @@ def test_magnets_alone_are_in_the_fields_of_the_iron(device, tmp_path):
 
 
 def test_a_strong_background_magnetises_the_iron(device, tmp_path):
-    """Unlike the earth's, one that the iron's field shows: the model has it at its sample points and in the air."""
+    """A background that magnetises the iron visibly: the model has it at its sample points and in the air."""
     strong = device.replace(background=fm.Background([5e-3, 0.0, -8e-3], [0.05, 0.0, 0.02, 0.05, 0.0]))
     path = fm.generate(strong, tmp_path / "strong.h5", spacing=2.5e-3, currents=(0.0, 3.0))
     opened, solver = fm.open_map(path), NonlinearSolver(strong, tolerance=1e-4)

@@ -1,4 +1,4 @@
-"""States that cannot be solved: left out and named, as long as enough remain; the file says who made what."""
+"""States that cannot be solved are left out and named, as long as enough remain; the file records them."""
 
 import re
 
@@ -17,8 +17,8 @@ from tests.maps.conftest import with_little_care
 
 @pytest.fixture
 def failing(monkeypatch):
-    """failing(fails): from now on solves fail at currents for which fails(number of the solve) is an error. One state
-    at a time, so that they have numbers. What comes after the states is made with little care."""
+    """failing(fails): from now on a solve fails if fails(its number) is an error. States are solved one at a time, so
+    that they have numbers. Later stages are made with little care."""
     monkeypatch.setattr(workers, "threads_of_kernels", lambda: 1)
     monkeypatch.setattr(generation, "certified_bounds", lambda *_: {})
     with_little_care(monkeypatch)
@@ -47,7 +47,7 @@ NOT_CONVERGED = NotConverged(Problem("iron solver", "the residual must fall", "1
 
 
 def test_some_are_left_out_and_named(few_states, few_states_map, failing, tmp_path, capsys):
-    # The third to train on, and the first at random, after ten and the extremes.
+    # The third state of the training fails, and the first at random, after ten states and the extremes.
     extremes = read_info(few_states_map.path).provenance.solver_report["extremes"]
     failing({3: NOT_CONVERGED, 10 + extremes["solved"] + 1: ZeroDivisionError(OURS)}.get)
     command = ["map", str(few_states), "-o", str(tmp_path / "map.h5"), "--accept-error"]
@@ -66,7 +66,7 @@ def test_some_are_left_out_and_named(few_states, few_states_map, failing, tmp_pa
 
 
 def test_states_are_numbered_from_the_first_to_the_last(few_states_map):
-    """In what the progress tells of each stage, without a gap."""
+    """The progress of each stage counts its states without a gap."""
     stages = {}
     for text in few_states_map.told:
         if found := re.match(r"state (\d+) of (?:at most )?(\d+)([^:;,(]*)", text):
@@ -92,7 +92,7 @@ def test_too_few_are_an_error_that_says_so(few_states, failing, tmp_path, first,
     failing(lambda number: NOT_CONVERGED if number >= first else None)
     target = tmp_path / "map.h5"
     if first > 10:
-        # More than half of all states are to be solved.
+        # More than half of all states must be solved.
         few_states.write_text(few_states.read_text().replace("states = 10", "states = 24"))
     with pytest.raises(NotConverged, match=words):
         generate(few_states, target)
@@ -116,7 +116,7 @@ def test_what_is_not_the_fault_of_a_state_stops_the_run_and_is_tried_again(
 def test_a_state_that_stops_the_run_leaves_those_before_it_and_the_same_map_comes_out(
     few_states, tmp_path, monkeypatch
 ):
-    """Several states at a time: the one that fails is told by its currents."""
+    """Several states at a time: the failing state is known by its currents."""
     solve, solved = NonlinearSolver.solve, []
     monkeypatch.setattr(NonlinearSolver, "solve", counted(solve, solved))
     whole = generate(few_states, tmp_path / "whole.h5", accept_error=True)

@@ -1,4 +1,4 @@
-"""The fields of a map between the solver and the file: what is kept of them, in which order, and what it cost."""
+"""The fields of a map between the solver and the file: the kept parts, their order, and their expected time."""
 
 import json
 import re
@@ -22,7 +22,7 @@ RANDOM = np.random.default_rng(41)
 
 
 def test_errors_are_looked_at_on_the_surface_of_the_box():
-    """Seven by seven places of each face, ends included; those on edges and corners once."""
+    """Seven by seven places of each face, ends included; places on edges and corners once."""
     points = box_surface(Grid([-1.0, 0.0, 2.0], [0.5, 1.0, 2.0], (5, 3, 4)))
     steps = (points - [-1.0, 0.0, 2.0]) / np.array([2.0, 2.0, 6.0]) * 6.0
     np.testing.assert_allclose(steps, steps.round(), atol=1e-12)
@@ -127,7 +127,7 @@ def box(lower, upper, of=None):
     [
         (None, None, [1.0, 1.0]),
         (2.5, None, [2.5, 2.5]),
-        # The middle of the domain; where that is not positive, the largest current of the corners.
+        # The middle of the domain; if that is not positive, the largest current of the corners.
         (None, box([1.0, 0.5], [2.0, 4.5]), [1.5, 2.5]),
         (None, box([-3.0, 0.5], [2.0, 1.5]), [3.0, 1.0]),
         (None, box([-2.0, -5.0], [2.0, 1.0]), [5.0, 5.0]),
@@ -149,7 +149,7 @@ def test_currents_at_which_a_map_states_its_fields(given, domain, expected):
 
 @pytest.fixture
 def parts(coarse, monkeypatch):
-    """The folder of a map of 8 planes of nodes, in parts of two; told(...) makes it and gives what is told."""
+    """The folder of a map of 8 planes of nodes, in parts of two; told(...) makes it and gives its progress texts."""
     text = (coarse / "recipe.toml").read_text()
     (coarse / "recipe.toml").write_text(text.replace("spacing_mm = 6.0", "spacing_mm = [3.0, 6.0, 6.0]"))
     monkeypatch.setattr(map_format, "NODES_PER_CHUNK", 55)
@@ -188,7 +188,7 @@ def test_nodes_are_told_part_by_part_and_a_stopped_run_goes_on_with_those_it_lac
         f"field at the nodes, part {k} of 4" for k in (3, 4)
     ]
     np.testing.assert_array_equal(read_map(parts.folder / "map.h5").flux_density, made.flux_density)
-    # What was kept of another recipe is told of, and left.
+    # Kept parts of another recipe are reported and not used.
     (parts.folder / "map.h5").unlink()
     parts.told(stop="part 3 of")
     recipe = parts.folder / "recipe.toml"
@@ -199,7 +199,7 @@ def test_nodes_are_told_part_by_part_and_a_stopped_run_goes_on_with_those_it_lac
 
 
 def test_nodes_and_certificate_are_expected_by_their_amounts(parts, monkeypatch):
-    """No faces, since there is no iron: 0.07 ms for each field in each cell, of 7 x 4 x 4 cells and two coils."""
+    """Without iron there are no faces: 0.07 ms for each field in each cell, for 7 x 4 x 4 cells and two coils."""
     noted = {}
 
     class Noting(Forecast):
@@ -209,6 +209,6 @@ def test_nodes_and_certificate_are_expected_by_their_amounts(parts, monkeypatch)
 
     monkeypatch.setattr(generation, "Forecast", Noting)
     parts.told()
-    # 200 nodes, 6 x 24 x 24 points for the certificate, 5 us for each coil at each.
+    # 200 nodes, 6 x 24 x 24 points of the certificate, and 5 us for each coil at each point.
     assert noted["nodes"][-1] == pytest.approx(200 * 2 * 5e-6)
     assert noted["certificate"][-1] == pytest.approx(3456 * 2 * 5e-6 + 7e-5 * 112 * 2)

@@ -1,4 +1,4 @@
-"""Seconds expected of the stages of a map, by the amounts of their work."""
+"""Expected seconds of the stages of a map, from the amounts of their work."""
 
 from itertools import pairwise
 
@@ -46,7 +46,7 @@ def test_stages_of_the_main_map_are_expected_to_take_what_they_took(forecast):
 
 
 def test_what_is_expected_grows_as_the_work_does(forecast):
-    """By the number of states, extremes, nodes, points and, for products of modes with each other, their square."""
+    """Work grows with states, extremes, nodes and points, and for products of modes with the modes' square."""
 
     def after(expect, stage, *amounts):
         expect(forecast, *amounts)
@@ -77,7 +77,7 @@ def test_what_is_expected_grows_as_the_work_does(forecast):
 
 
 def test_a_training_that_is_done_has_the_modes_left():
-    """Of states, rounds of four and what comes after them, all that is left is done piece by piece."""
+    """Work is done piece by piece over states, rounds of four and later steps; at the end the modes are left."""
     whole = training(0, 0, 11, 1)[1]
     done = [training(solved, max(0, solved - 3) // 4, 11 - solved, 1) for solved in range(12)]
     assert [of for _, of in done] == pytest.approx([whole] * 12)
@@ -85,7 +85,7 @@ def test_a_training_that_is_done_has_the_modes_left():
     assert steps[3:6] == steps[7:10] == [1.0] * 3
     assert min(steps[:3]) > 1.0
     assert whole > done[-1][0]
-    # Images of states make more of them.
+    # Images of states add to the work.
     assert training(11, 2, 0, 15)[1] > training(11, 2, 0, 1)[1]
 
 
@@ -101,22 +101,22 @@ def test_before_the_iron_is_assembled_all_goes_by_what_that_takes(forecast):
 @pytest.mark.parametrize(
     ("shares", "solved", "most", "images", "states"),
     [
-        # Before two rounds: 54 with their images, at least those of the first round, at most 65 % of what is allowed.
+        # Before two rounds: 54 with their images, at least those of the first round, at most 65 % of the most allowed.
         ([], [], 200, 0, 54),
         ([0.1], [3], 200, 1, 27),
         ([], [], 200, 15, 7),
         ([], [], 60, 0, 39),
         ([0.1], [50], 60, 0, 50),
-        # A tenth for every four states is 1e-3 after 3 + 8 of them: half of it counts after two rounds, 2 / 3 after
-        # three.
+        # A tenth for every four states is 1e-3 after 3 + 8 states: this forecast counts half after two rounds, 2 / 3
+        # after three.
         ([0.1, 0.01], [3, 7], 60, 0, 25),
         ([0.1, 0.01, 1e-3], [3, 7, 11], 60, 0, 20),
-        # Errors of nothing, that hardly fall, stay or grow.
+        # Errors of zero, errors that hardly fall, that stay, or that grow.
         ([0.1, 0.0], [3, 7], 60, 0, 23),
         ([0.1, 0.0999], [3, 7], 60, 0, 50),
         ([0.1, 0.1], [3, 7], 60, 0, 50),
         ([0.1, 0.2], [3, 7], 60, 0, 50),
-        # Never fewer than are solved.
+        # Never fewer than the solved states.
         ([0.1, 0.01], [30, 50], 60, 0, 50),
     ],
 )
@@ -127,13 +127,13 @@ def test_states_that_are_expected_begin_at_what_is_usual(shares, solved, most, i
 @pytest.mark.parametrize(
     ("shares", "solved", "states"),
     [
-        # A tenth for every four states: 1e-3 after 3 + 8 of them.
+        # A tenth for every four states: 1e-3 after 3 + 8 states.
         ([0.1, 0.01], [3, 7], 11),
         ([0.1, 0.01, 1e-4], [3, 7, 15], 11 + 4),
-        # Between the states that are there and the most: with an error of nothing, and with one that hardly falls.
+        # Between the solved states and the most allowed: for an error of zero, and for an error that hardly falls.
         ([0.1, 0.0], [3, 7], 7),
         ([0.1, 0.0999], [3, 7], 60),
-        # Errors that grow or stay, and of too few rounds.
+        # Errors that grow or stay, and too few rounds.
         ([0.1, 0.1], [3, 7], 60),
         ([0.1, 0.2], [3, 7], 60),
         ([0.1], [3], 39),

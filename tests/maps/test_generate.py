@@ -51,7 +51,7 @@ def test_field_on_the_axis_is_the_closed_form(path):
     flux, slope = opened.field_and_gradient(points, currents)
     scale = np.abs(exact(z)).max()
     np.testing.assert_allclose(flux[:, 2], exact(z), rtol=0, atol=2e-6 * scale)
-    # A cell's polynomial does not know that the axis is one: zero to the interpolation error only.
+    # A cell's polynomial does not know the axis: zero to the interpolation error only.
     np.testing.assert_allclose(flux[:, :2], 0, atol=5e-7 * scale)
     np.testing.assert_allclose(open_map(path, "hermite").field(points, currents)[:, :2], 0, atol=1e-9 * scale)
     derivative = (exact(z + 1e-6) - exact(z - 1e-6)) / 2e-6
@@ -157,7 +157,7 @@ def test_progress_runs_from_nothing_to_all(coarse):
 
 
 def test_progress_on_a_terminal_without_the_extra_of_the_program_is_in_lines(coarse, monkeypatch, capsys):
-    """The extra `make` alone brings no rich."""
+    """The extra `make` does not install rich."""
     monkeypatch.setitem(sys.modules, "rich.progress", None)
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     generate(coarse / "recipe.toml", coarse / "map.h5")

@@ -1,4 +1,4 @@
-"""Maps made by several processes: the bits of one process, whoever dies or is stopped on the way."""
+"""Maps made by several processes have the bits of one process, even if a process dies or is stopped."""
 
 import re
 import subprocess
@@ -80,7 +80,7 @@ def run(folder, name, rest):
     script = folder / name
     script.write_text(BEGIN + rest)
     command = [sys.executable, script, folder]
-    # A group of its own, which is what Ctrl-C on a terminal reaches.
+    # A process group of its own, which Ctrl-C on a terminal reaches.
     done = subprocess.run(command, capture_output=True, text=True, check=False, start_new_session=True)
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()
@@ -100,7 +100,7 @@ def folder(tmp_path_factory, two_cores):
 
 @pytest.fixture(scope="module")
 def told(folder):
-    """The maps of one process and of two workers; what was told of the last."""
+    """The maps of one process and of two workers; and the progress texts of the last run."""
     return run(folder, "finished.py", FINISHED)
 
 
@@ -124,7 +124,7 @@ def test_an_interrupted_run_is_resumed_without_workers_to_the_same_bits(folder, 
     lines = run(folder, "stopped.py", STOPPED)
     stop = lines.index("stopped, archive there: True")
     states = [text for text in lines[stop:] if text.startswith("state")]
-    # Nine states at least were kept; the first that is told of is one of those still missing.
+    # At least nine states were kept; the first reported state is a missing one.
     assert int(states[0].split()[1]) >= 10
     assert same(folder / "one_saturating.h5", folder / "resumed.h5")
     assert not checkpoint_path(folder / "resumed.h5").exists()

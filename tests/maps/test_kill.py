@@ -10,7 +10,7 @@ from fieldmap.store import checkpoint_path
 from tests.store.conftest import numbers_in
 
 # Every run is a process of its own with the kernels from the cache. Code compiled in the same session may be inlined,
-# and so rounded, otherwise than what the cache gives to the next one.
+# and then rounds differently from the cached code of the next session.
 RUN = """
 import os, signal, sys
 from fieldmap.maps import generate
@@ -55,7 +55,7 @@ def recipe(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def whole(recipe):
-    """Its map, made without a break."""
+    """The map of that recipe, made without a break."""
     run(recipe, recipe.with_name("compiles.h5"))
     done = run(recipe, recipe.with_name("whole.h5"))
     assert done.returncode == 0, done.stderr
@@ -73,7 +73,7 @@ def test_resumed_after_a_kill(recipe, whole, tmp_path, moment, parts):
     assert killed.returncode == -signal.SIGKILL, killed.stderr
     assert not target.exists()
     assert checkpoint_path(target).exists()
-    # The kept solution is used, nothing is solved again.
+    # The kept solution is used, and nothing is solved again.
     resumed = run(recipe, target, solves="no")
     assert resumed.returncode == 0, resumed.stderr
     if parts:

@@ -36,7 +36,7 @@ def pair():
 
 @pytest.fixture(scope="module")
 def both(folder, pair):
-    """Paths of one map made both ways, with a reference current that is no unit."""
+    """Paths of one map made both ways, with a reference current other than 1 A."""
     options = {"spacing": SPACING, "box": BOX, "reference_current": 3.0}
     return SimpleNamespace(
         large=generate(pair, folder / "large.h5", large=True, **options),
@@ -104,7 +104,7 @@ def test_cells_too_many_to_be_summed_are_superposed_at_each_point(both, points, 
 
 @pytest.fixture(scope="module")
 def coarse(folder, pair):
-    """A map of a smooth field, whose lookups have larger cells than its nodes."""
+    """A map of a smooth field with lookup cells larger than its node cells."""
     box = 0.25 * BOX
     path = generate(pair, folder / "coarse.h5", spacing=(box[1] - box[0]) / 24, box=box, large=True)
     return SimpleNamespace(path=path, opened=open_map(path), box=box)
@@ -117,7 +117,7 @@ def test_cells_span_many_nodes_where_the_field_is_smooth(coarse, pair):
         block = file["/fieldmap/lookup/harmonic"].size
     assert every == 8
     assert block == 24 + 3**3 * 2 * 36
-    # Every point of the box against the coils themselves, which no interpolant has seen.
+    # Points all over the box against the coils' own field, which no interpolant was fitted to.
     at = lower + np.random.default_rng(6).random((2000, 3)) * (upper - lower)
     exact, slopes = solve_linear(pair).unit_fields(at)
     of_flux = np.linalg.norm(opened.unit_field(at).swapaxes(0, 1) - exact, axis=2).sum(axis=0).max()
@@ -269,7 +269,7 @@ def test_a_map_sealed_anew_is_verified_as_a_whole(both, tmp_path):
 
 @pytest.mark.parametrize("axis", range(3))
 def test_the_check_in_parts_finds_what_the_check_of_the_whole_finds(tmp_path, pair, monkeypatch, axis):
-    """The steps of B are worst along an axis of few cells."""
+    """B has its largest steps along an axis of few cells."""
     cells = np.where(np.arange(3) == axis, 6, 12)
     path = generate(pair, tmp_path / "map.h5", spacing=(BOX[1] - BOX[0]) / cells, box=BOX)
     names = ("divergence", "curl", "values_and_gradients", "total", "data_sets")
@@ -304,7 +304,7 @@ def test_parts_are_verified_once(tmp_path, pair, monkeypatch):
 
 
 def test_iron_that_saturates(few_states, few_states_map, tmp_path):
-    """Its fields are known after the training only; its reference currents are no unit."""
+    """The fields are known after the training only; the reference currents are not 1 A."""
     path = generate(few_states, tmp_path / "large.h5", large=True, accept_error=True)
     numbers = read_map(path)
     assert len(numbers.field_names) > len(numbers.coil_names)

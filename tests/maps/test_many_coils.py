@@ -1,4 +1,4 @@
-"""A map whose domain has more corners than are solved: what it states of them holds for those that nobody solved."""
+"""A map of a domain with more corners than are solved: its stated errors hold at the corners that were not solved."""
 
 import itertools
 
@@ -52,7 +52,7 @@ def data(make):
 
 @pytest.fixture(scope="module")
 def at_all_corners(data, device):
-    """Errors (64, 2) of flux density and gradient at the nodes, shares of the largest of each fully solved state."""
+    """Errors (64, 2) of flux density and gradient at the nodes, as shares of the largest value of each solved state."""
     solver = NonlinearSolver(device)
     model, points = CurrentModel(data.reduced_model, data.coil_names), data.grid.points()
     rows, every = [], list(itertools.product((-1.0, 2.0), repeat=6))
@@ -71,8 +71,8 @@ def at_all_corners(data, device):
 
 
 def test_the_stated_error_holds_in_corners_that_nobody_solved(data, at_all_corners):
-    """The worst of all 64: what is stated is the largest at some extremes, found by the residual, and at other states.
-    The nodes are other places than those at which errors are stated."""
+    """The worst of all 64: stated is the largest error at some extremes, found by the residual, and at other states.
+    The nodes are other places than the places of the stated errors."""
     report = data.provenance.solver_report
     extremes, tried = report["extremes"], report["states_tried"].values()
     assert extremes["corners"] == 64
@@ -82,18 +82,17 @@ def test_the_stated_error_holds_in_corners_that_nobody_solved(data, at_all_corne
     largest = at_all_corners.max(axis=0)
     for found, name in zip(largest, ("flux_density_share", "gradient_share"), strict=True):
         assert found <= 1.03 * max(of[name] for of in tried)
-    # And what the recipe asks for holds, within the factor of two that is promised, without being a hundred times
-    # better.
+    # The recipe's accuracy holds within the promised factor of two, and the map is not a hundred times better.
     assert 1e-2 * ACCURACY < largest[0] < 1.5 * ACCURACY
     assert largest[1] < 2 * ACCURACY
 
 
 def test_the_cost_follows_the_accuracy(data, make):
-    """The same device to a tenth of the accuracy: more of everything."""
+    """The same device to a tenth of the accuracy takes more of everything."""
     rough, fine = data.provenance.solver_report, read_map(make(0.1 * ACCURACY)).provenance.solver_report
     for name in ("modes", "points"):
         assert rough["condensed_from"][name] < fine["condensed_from"][name]
-    # What the map holds of them comes in steps of eight modes.
+    # The modes in the map come in steps of eight.
     assert rough["modes"] <= fine["modes"]
     assert rough["sample_points"] < fine["sample_points"]
     assert rough["modes"] < 30
@@ -116,7 +115,7 @@ def test_a_run_that_stops_among_the_extremes_gives_the_same_bits(data, make):
 
 
 def test_corrections_are_the_error_of_iron_that_hardly_saturates(device):
-    """In strong iron far below saturation one step of Newton's method is exact, whatever the tangent's place."""
+    """In strong iron far below saturation one step of Newton's method is exact, wherever the tangent is taken."""
     solver = NonlinearSolver(device)
     currents = 1e-6 * np.array([[1.0, 0.5, -0.3, 0.2, 1.0, -1.0], [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]])
     states = np.column_stack([solver.solve(values, 1e-6).state.potential[:, 0] for values in currents])

@@ -1,4 +1,4 @@
-"""Sixteen independent currents over iron that saturates: a quick one of `scripts/validate.py --only many_coils`."""
+"""Sixteen independent currents over saturating iron: a quick case of `scripts/validate.py --only many_coils`."""
 
 import importlib
 import json
@@ -51,7 +51,7 @@ def test_the_stated_error_holds_at_random_states_and_at_extremes(study, device, 
 
 
 def test_each_coil_has_modes_and_few_states_are_enough(data, device):
-    """The tangents of a state hold what each coil does: states do not grow with the number of coils."""
+    """The tangents of a state hold the field of each coil: the number of states does not grow with the coils."""
     report = data.provenance.solver_report
     assert report["condensed_from"]["modes"] > COILS > MODES
     assert report["states_trained_on_solved"] < 20
@@ -90,7 +90,7 @@ def test_each_current_may_have_a_field_of_its_own():
 
 
 def test_groups_are_those_that_couple_most():
-    """Three clusters of coils in any order; two of them are nearer to each other. Signs do not matter."""
+    """Three clusters of coils in any order; two clusters couple more with each other. Signs do not matter."""
     of = np.array([0, 1, 2, 0, 1, 2, 0, 1])
     coupling = np.where(of[:, None] == of, 0.8, 0.1)
     coupling[np.ix_(of == 1, of == 2)] = coupling[np.ix_(of == 2, of == 1)] = -0.4
@@ -108,7 +108,7 @@ def test_groups_are_those_that_couple_most():
 
 def test_what_a_training_needs_grows_with_coils_and_is_that_of_its_tangents_on_the_disk():
     few, many = (needs(50_000, count, count, 5 * count, Plan()) for count in (64, 200))
-    # Tangents and their air operator, of one state of 200 coils: 167 MB in the issue, of 52 000 nodes.
+    # Tangents and their air operator of one state of 200 coils: 167 MB for 52 000 nodes.
     assert many.disk / (45 + Plan().held_out) == pytest.approx(167e6, rel=0.05)
     assert few.disk == pytest.approx(many.disk * 65 / 201)
     assert few.memory < many.memory
@@ -137,7 +137,7 @@ def test_a_domain_without_room_is_refused_before_a_state_is_solved_with_groups_t
     monkeypatch.setattr(room, "memory_bytes", lambda: 1.0001 * memory)
     solves = []
     monkeypatch.setattr(NonlinearSolver, "solve", lambda *_, **__: solves.append(1))
-    # Each signal has so many modes that five signals have room and six have not.
+    # Each signal has so many modes that five signals fit and six do not.
     modes_of = {count: 60 if count <= 5 else 60 + count for count in range(COILS + 1)}.__getitem__
     bounds = np.full(COILS, -1.0), np.full(COILS, 2.0)
     with pytest.raises(InputError) as raised:

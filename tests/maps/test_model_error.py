@@ -21,7 +21,7 @@ CHARGE, CHANGE = (
     1e-5 * RANDOM.standard_normal((STATES, FACES)),
 )
 CONSTANT = 1e-3 * RANDOM.standard_normal((4, 3)), 0.1 * RANDOM.standard_normal((4, 3, 3))
-# Two coils of one place, of which the second has three times the turns.
+# Two coils at one place; the second has three times the turns.
 SECOND = 3.0
 
 
@@ -43,7 +43,7 @@ def solver(background=True):
 
 
 def largest_norm(field):
-    """Over the points of (p, ...)."""
+    """Largest norm over the points of (p, ...)."""
     return max(float(np.sqrt((one**2).sum())) for one in field)
 
 
@@ -67,7 +67,7 @@ def expected(background=True, factor=1.0):
     return np.array(found)
 
 
-# Currents so weak that the field of the coils at their largest currents is what errors are compared with.
+# The last case has such weak currents that errors are relative to the coils' field at their largest currents.
 @pytest.mark.parametrize(("background", "factor"), [(True, 1.0), (False, 1.0), (False, 1e-5)])
 def test_changes_are_shares_of_a_states_largest_field(background, factor, monkeypatch):
     off, size, least = np.moveaxis(expected(background, factor), 2, 0)
@@ -76,7 +76,7 @@ def test_changes_are_shares_of_a_states_largest_field(background, factor, monkey
     trial = Trial(solver(background), POINTS, LARGEST)
     currents, charge = factor * CURRENTS, factor * CHARGE
     np.testing.assert_allclose(trial.shares(currents, charge, CHANGE), wanted, rtol=1e-9)
-    # By the fields of the faces as those of modes, a state or two at a time, or all.
+    # By the fields of the faces as fields of modes, one or two states at a time, or all at once.
     for at_a_time in (1, 80, 2**17):
         monkeypatch.setattr(model_error, "_AT_A_TIME", at_a_time)
         found = trial.shares_of_sums(currents, (FLUX, GRADIENT), charge, CHANGE)
@@ -87,7 +87,7 @@ def test_changes_are_shares_of_a_states_largest_field(background, factor, monkey
 
 
 def test_errors_at_solved_states_are_the_largest_of_each_kind():
-    """Of a model whose charges are those of the solver less `CHANGE`, of whose three states two were solved."""
+    """The model's charges are the solver's less `CHANGE`; two of its three states were solved."""
     off, size, least = np.moveaxis(expected(), 2, 0)
     tried = SimpleNamespace(currents=CURRENTS, potentials=0.5 * CHARGE.T, solved=2)
     mix = np.array([[2.0, 0.0, 1.0], [1.0, 1.0, 0.0], [0.0, -1.0, 3.0]])

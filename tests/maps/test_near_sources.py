@@ -72,7 +72,7 @@ def test_the_accuracy_of_saturating_iron_counts(tmp_path, pole):
 @pytest.mark.parametrize(("spacing", "wanted"), [(4e-3, 1e-3), (4e-3, 1e-2), (2e-3, 1e-3), (1e-3, 1e-3)])
 def test_lookups_at_the_least_distance_are_as_good_as_wanted(pole, spacing, wanted):
     """Against the solver at random points and at the outer cells' centres, below a pole with sharp edges; at a third of
-    the distance they are worse than wanted."""
+    the distance the errors are larger than wanted."""
     solution = fm.solve_linear(pole)
 
     def error_at(distance):
@@ -92,7 +92,7 @@ def test_lookups_at_the_least_distance_are_as_good_as_wanted(pole, spacing, want
 
 
 def test_what_is_asked_of_a_distance_is_told_in_numbers(tmp_path, pole):
-    """1 % of B; by the accuracy, twice of it, and 4.31 mm between nodes 2 mm apart. A third of that takes 0.93 mm."""
+    """1 % of B; with an accuracy, twice it, which takes 4.31 mm at nodes 2 mm apart, or nodes 0.93 mm apart."""
     near = [-0.01, -0.01, -0.012], [0.01, 0.01, -2e-3]
     (problem,) = refused(tmp_path, pole, near, 2.5e-3)
     assert problem.must_hold == (
@@ -129,7 +129,7 @@ def test_errors_below_what_was_measured_ask_for_no_more_distance():
     ],
 )
 def test_a_map_that_is_off_by_more_than_a_tenth_of_its_field_is_of_no_use(flux, gradient, bound, useful):
-    """Of two coils of 2 T and 0.5 T per ampere at one node, and 3 A and 2 A: 7 T."""
+    """Two coils of 2 T and 0.5 T per ampere at one node, at 3 A and 2 A: 7 T."""
     of = np.zeros((2, 3, 3, 3, 3))
     of[:, 1, 2, 0] = [[0.0, -2.0, 0.0], [0.3, 0.0, 0.4]]
     of[1, 0, 0, 0] = [0.0, 0.0, 3.0]
@@ -155,8 +155,8 @@ def test_a_map_that_is_off_by_more_than_a_tenth_of_its_field_is_of_no_use(flux, 
     ("at", "where"), [((0.0, 0.0, 0.0), "x-planes 0 to 5"), ((1e-3, 7e-4, 0.0), ": box")]
 )
 def test_a_singular_field_of_unknown_place_is_refused(tmp_path, at, where):
-    """The field of a charged line through nodes or between them, in a source that does not say where it is: the nodes
-    show it, or the error of the lookups."""
+    """The field of a charged line through nodes or between them, in a source without a known place: the nodes show the
+    singularity, or the error of the lookups does."""
 
     def field(field, observers):
         away = (np.array(observers) - at) * [1.0, 1.0, 0.0]

@@ -1,4 +1,4 @@
-"""Reading recipes: the shipped ones, and what each mistake says."""
+"""Reading recipes: the shipped ones, and the message of each mistake."""
 
 import re
 import tomllib
@@ -83,7 +83,7 @@ def test_everything_that_it_says_of_currents(rig):
     domain = plan.domain(("upper", "lower"))
     assert (domain.lower.tolist(), domain.upper.tolist()) == ([0.5, -1.0], [2.0, 2.0])
     assert saturating(rig, ONE_RANGE).domain(("a", "b", "c")).lower.tolist() == [0.5, 0.5, 0.5]
-    # As docs/recipes.md has them.
+    # The values in docs/recipes.md.
     plan = saturating(rig, ONE_RANGE)
     usual = {"states": 64, "accuracy": 1e-3, "modes": 60, "points": 800, "fields": 20, "held_out": 12}
     assert {key: getattr(plan, key) for key in given} == usual
@@ -106,7 +106,7 @@ def test_currents_of_groups_and_of_a_division(rig):
 
 @pytest.mark.parametrize(("limit", "taken"), [(1.69, False), (1.7, True)])
 def test_the_smallest_lift_leaves_every_coil_below_its_limit(rig, limit, taken):
-    """The largest current has the coil where both directions are at 0.3: 1.3 times 1.3 A."""
+    """The coil with both directions at 0.3 has the largest current: 1.3 times 1.3 A."""
     line = f"lift_and_directions = {{ u_A = [1, 2], x = [-0.2, 0.3], y = [-0.3, 0.1], n = 1.0, limit_A = {limit} }}"
     if taken:
         assert saturating(rig, line) is not None
@@ -234,7 +234,7 @@ def test_what_is_left_out(rig):
     np.testing.assert_allclose(recipe.spacing, 2e-3)
 
 
-# What is put in place of the recipe's last line, and what must be said: key, condition, received, remedy.
+# Replacement of the recipe's last line, and a pattern of the message: key, condition, received, remedy.
 MISTAKES = {
     "wrong type": ('spacing_mm = "2"', r'toml:5: spacing_mm: one positive number.*received "2"'),
     "negative": ("spacing_mm = -2.0", "spacing_mm: one positive number, or three.*received -2.0; write for"),

@@ -1,4 +1,4 @@
-"""Modes, output fields and cubature against what linear algebra says of them."""
+"""Modes, output fields and cubature against linear algebra."""
 
 from types import SimpleNamespace
 
@@ -93,7 +93,7 @@ def test_output_fields_leave_the_next_singular_value_and_are_as_few_as_the_toler
 
 @pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
 def test_there_are_no_more_output_fields_than_independent_ones(size):
-    """Of ten modes whose fields are combinations of three, whatever their size."""
+    """Ten modes with fields that are combinations of three, of any size."""
     random = np.random.default_rng(13)
     amplitudes, fields = (
         random.standard_normal((20, 10)),
@@ -102,7 +102,7 @@ def test_there_are_no_more_output_fields_than_independent_ones(size):
     combination, weights = output_fields(amplitudes, size * fields, 8, 0.0)
     assert combination.shape == weights.shape == (3, 10)
     np.testing.assert_allclose(amplitudes @ weights.T @ combination @ fields, amplitudes @ fields, atol=1e-9)
-    # A state without amplitudes has no field that could be missed.
+    # A state without amplitudes has no field to miss.
     amplitudes[4] = 0.0
     assert len(output_fields(amplitudes, size * fields, 8, 1e-3)[0]) == 3
 
@@ -142,7 +142,7 @@ def test_cubature_integrates_what_it_was_made_for_with_few_positive_weights():
 def test_fewer_points_serve_a_coarser_tolerance_and_what_they_leave_is_the_states_error():
     random = np.random.default_rng(7)
     volume = np.full(1500, 1 / 1500)
-    # Fields of falling size: the coarser the tolerance, the fewer of them matter.
+    # Fields of falling size: for a coarser tolerance fewer of them matter.
     shape = random.standard_normal((1500, 80)) * np.geomspace(1.0, 1e-6, 80)
     parts = [shape @ random.standard_normal((80, 40)) * volume[:, None] + volume[:, None] for _ in range(10)]
     numbers = []
@@ -157,7 +157,7 @@ def test_fewer_points_serve_a_coarser_tolerance_and_what_they_leave_is_the_state
 
 
 def test_what_is_left_is_that_of_all_residuals_however_few_the_points():
-    """Residuals that have nothing in common, many more of them than points: no fit to fewer conditions tells it."""
+    """Uncorrelated residuals, many more than points: a fit to fewer conditions would not show the error."""
     random = np.random.default_rng(8)
     parts = [1.0 + 0.02 * random.standard_normal((2000, 60)) for _ in range(20)]
     for tolerance in (20.0, 10.0):
@@ -188,7 +188,7 @@ def test_states_that_are_added_are_met_by_the_next_choice_which_begins_with_the_
 
 
 def test_tangents_are_met_where_residuals_ask_for_a_point_alone():
-    """States that are all alike: one point gives their residual, and a tangent that is zero in all other directions."""
+    """All states are alike: one point would give their residual, and a tangent of zero in all other directions."""
     random = np.random.default_rng(10)
     rows = random.standard_normal((500, 3, 60)) / np.sqrt(1500.0)
     whole = np.einsum("pij,pik->jk", rows, rows)
@@ -222,7 +222,7 @@ def test_extremes_are_single_coils_equal_and_opposite_currents_and_corners():
     assert {(4.0, 0.0, 0.0), (0.0, -2.0, 0.0), (4.0, 4.0, 4.0), (-2.0, 0.0, 4.0), (2.0, 0.0, 0.0)} <= found
     assert {tuple(row) for row in corners(box)} <= found
     assert (0.0, 0.0, 0.0) not in found
-    # The tip of a division is no corner: u ends later where x and y are zero.
+    # The tip of a division is not a corner: the limit of u is higher where x and y are zero.
     domain = CurrentDomain(
         LiftAndDirections(1.25, limit=3.55), np.array([0.3, -0.4, -0.4]), np.array([3.55, 0.4, 0.4])
     )
@@ -230,7 +230,7 @@ def test_extremes_are_single_coils_equal_and_opposite_currents_and_corners():
     assert (signals == [3.55, 0.0, 0.0]).all(axis=1).any()
     assert all(domain.holds(values) for values in domain.parametrisation.currents(signals))
     many = CurrentDomain(IndependentCurrents(20), np.full(20, -1.0), np.full(20, 1.0))
-    # All at half of their ranges are without currents.
+    # All signals at half of their ranges are zero currents, so this extreme is left out.
     assert len(extreme_signals(many)) == 20 * 6 + 2 + 128 + 256
 
 
@@ -238,14 +238,14 @@ UNEVEN = CurrentDomain(IndependentCurrents(2), np.array([-1.0, 2.0]), np.array([
 
 
 def test_extremes_of_two_signals_one_by_one():
-    """The first rests at 0, the second, which cannot be 0, in its middle."""
+    """The first signal rests at 0; the second cannot be 0 and rests in its middle."""
     assert at_rest(UNEVEN).tolist() == [0.25, 0.5]
     edges = CurrentDomain(IndependentCurrents(3), np.array([0.0, -2.0, -2.0]), np.array([4.0, 0.0, -1.0]))
     assert at_rest(edges).tolist() == [0.0, 1.0, 0.5]
     found = extreme_signals(UNEVEN)
     alone = [[-1, 3], [3, 3], [-0.5, 3], [1.5, 3], [-0.02, 3], [0.06, 3]]
     alone += [[0, 2], [0, 4], [0, 2.5], [0, 3.5], [0, 2.98], [0, 3.02]]
-    # A quarter of both ranges is among those of the second alone.
+    # A quarter of both ranges is already among the extremes of the second signal alone.
     np.testing.assert_allclose(found[:14], [*alone, [1, 3], [2, 3.5]], atol=1e-12)
     assert sorted(found[14:].tolist()) == [[-1, 2], [-1, 4], [3, 2], [3, 4]]
 
@@ -259,7 +259,7 @@ def test_steps_of_tangents_are_an_eighth_of_the_ranges():
 
 
 def test_states_of_the_sequence_are_denser_towards_the_faces():
-    """By 0.5 - 0.5 cos(pi t), of a net in t: as many in each quarter of t."""
+    """By 0.5 - 0.5 cos(pi t) of a net in t: the same number in each quarter of t."""
     shares = (sequence(UNEVEN, 65) - UNEVEN.lower) / (UNEVEN.upper - UNEVEN.lower)
     for row in shares[1:].T:
         ends = [0.0, 0.5 - 0.5 * np.cos(0.25 * np.pi), 0.5, 0.5 - 0.5 * np.cos(0.75 * np.pi), 1.0]
@@ -268,7 +268,7 @@ def test_states_of_the_sequence_are_denser_towards_the_faces():
 
 
 def test_every_second_drawn_state_is_nearer_to_rest():
-    """Evenly drawn, then by 10^(-2 t), t evenly drawn, whose mean is (1 - 1/100) / (2 ln 10)."""
+    """Uniform draws alternate with draws scaled by 10^(-2 t), t uniform, with the mean (1 - 1/100) / (2 ln 10)."""
     shares = (drawn(UNEVEN, 200_000, np.random.default_rng(5)) - UNEVEN.lower) / (UNEVEN.upper - UNEVEN.lower)
     away = np.abs(shares - [0.25, 0.5])
     for row, half in zip((shares - [0.25, 0.5]).T, (0.75, 0.5), strict=True):
@@ -289,7 +289,7 @@ def images_of(*matrices):
 
 
 def test_every_fourth_state_lies_half_way_to_an_image_in_turn():
-    """Of two mirrors, of one that leaves the box, of one that changes nothing and of the reversal of all currents."""
+    """Two mirrors, an image outside the box, the identity, and the reversal of all currents."""
     box = CurrentDomain(IndependentCurrents(3), np.full(3, -1.0), np.ones(3))
     first, second = np.diag([-1.0, 1.0, 1.0]), np.eye(3)[[0, 2, 1]]
     images = images_of(first, 2.0 * np.eye(3), np.eye(3), second, -np.eye(3))
@@ -342,7 +342,7 @@ def test_of_many_corners_some_are_taken():
     assert ((taken == lower) | (taken == upper)).all()
     assert len(np.unique(taken, axis=0)) == len(taken) == 256
     assert len(corners(CurrentDomain(IndependentCurrents(8), lower[:8], upper[:8]))) == 256
-    # Each coil is at either end about as often.
+    # Each coil is about equally often at either end.
     assert np.abs((taken == lower).mean(axis=0) - 0.5).max() < 0.2
 
 
@@ -361,14 +361,14 @@ def test_a_domain_holds_its_states_and_no_others():
         assert (domain.largest >= np.abs(corners(domain)).max(axis=0) * (1 - 1e-12)).all()
     for domain in (box, family):
         assert domain.largest == pytest.approx(np.abs(corners(domain)).max(axis=0))
-    # The mirror y = 0 of the unit exchanges coils 1, 3 and 4, 6 and the sign of y; no division has one coil alone off.
+    # The mirror y = 0 exchanges coils 1, 3 and 4, 6 and the sign of y. A change of one coil leaves the division.
     off_axis = family.parametrisation.currents(np.array([1.5, 0.2, 0.1]))
     assert family.holds(off_axis[[2, 1, 0, 5, 4, 3]])
     assert not family.holds(off_axis + np.array([0.1, 0, 0, 0, 0, 0]))
 
 
 def test_the_limit_of_the_currents_ends_the_domain():
-    """Where a coil reaches it, whatever the direction; the shares of a domain fill all that is left."""
+    """The domain ends where a coil reaches the limit, in any direction; the shares of the domain fill the rest."""
     lower, upper = np.array([0.3, -0.4, -0.4]), np.array([3.55, 0.4, 0.4])
     domain = CurrentDomain(LiftAndDirections(1.25, 3.55), lower, upper)
     ends = domain.at(np.column_stack([np.ones(200), np.random.default_rng(1).random((200, 2))]))
@@ -388,7 +388,7 @@ def test_the_limit_of_the_currents_ends_the_domain():
 
 
 def sparse_nonnegative(matrix, wanted, tolerance):
-    """The first unknowns on the way that leave at most this share, or the last."""
+    """The first point of the path that leaves at most this share, or the last point."""
     size = float(np.linalg.norm(wanted))
     path = list(nonnegative_path(matrix.T @ matrix, wanted @ matrix, size, len(matrix)))
     return next((x for x, left in path if left <= max(tolerance, 1e-7)), path[-1][0])
@@ -407,7 +407,7 @@ def test_sparse_least_squares_are_those_of_lawson_and_hanson():
         assert (ours >= 0).all()
         assert (ours > 0).sum() <= (theirs > 0).sum() == 60
         assert np.linalg.norm(matrix @ ours - wanted) <= tolerance * np.linalg.norm(wanted)
-    # No solution there: the same least error.
+    # Without an exact solution: the same least error.
     random_matrix, target = random.standard_normal((40, 15)), random.standard_normal(40)
     _, least = nnls(random_matrix, target)
     ours = sparse_nonnegative(random_matrix, target, 0.0)
@@ -415,7 +415,7 @@ def test_sparse_least_squares_are_those_of_lawson_and_hanson():
 
 
 def test_on_the_way_to_the_least_error_each_unknown_is_the_least_squares_of_those_that_are_there():
-    """By scipy's solution with the columns that are there; what is left, by the matrix itself."""
+    """Against scipy's solution with the present columns; the remaining error against the matrix itself."""
     random = np.random.default_rng(8)
     matrix = random.random((80, 120))
     wanted = matrix @ random.random(120)
@@ -439,7 +439,7 @@ def test_on_the_way_to_the_least_error_each_unknown_is_the_least_squares_of_thos
 
 @pytest.mark.parametrize("second", [[0.5, 0.5], [0.75, -0.25], [1.0, 1.0]])
 def test_an_unknown_that_stays_zero_leaves(second):
-    """It enters together with the one that gives all that is wanted."""
+    """The unknown enters together with another one that gives the whole demand."""
     matrix = np.array([[1.0, 0.0], second]).T
     assert sparse_nonnegative(matrix, np.array([1.0, 0.0]), 0.0) == pytest.approx([1.0, 0.0], abs=1e-11)
 
@@ -447,7 +447,7 @@ def test_an_unknown_that_stays_zero_leaves(second):
 def test_states_are_chosen_by_what_the_others_do_not_say():
     random = np.random.default_rng(6)
     modes = np.linalg.qr(random.standard_normal((50, 3)))[0]
-    # Three corrections that span two directions, a small one of a third, and nothing.
+    # Three corrections that span two directions, a small one in a third direction, and a zero one.
     corrections = np.column_stack(
         [9 * modes[:, 0], 8.9 * modes[:, 0], 5 * modes[:, 1], 0.1 * modes[:, 2], 0 * modes[:, 0]]
     )
@@ -455,7 +455,7 @@ def test_states_are_chosen_by_what_the_others_do_not_say():
     assert pivots(product, 3).tolist() == [0, 2, 3]
     assert set(pivots(product, 5).tolist()) <= {0, 1, 2, 3}
     assert pivots(product, 5, 4.9**2).tolist() == [0, 2]
-    # What is left after k choices is the Schur complement: no other choice of one state leaves less of the largest.
+    # The rest after k choices is the Schur complement: no other choice of one state leaves less of the largest.
     square = random.standard_normal((6, 6))
     product = square @ square.T
     first, second = pivots(product, 2)
@@ -490,7 +490,7 @@ def test_edges_are_where_all_signals_but_one_are_at_their_ends():
 
 
 def test_the_search_climbs_towards_a_peak_on_an_edge():
-    """Of a peak a fifth of the ranges wide the currents that it begins from see less than half, in the mean."""
+    """For a peak a fifth of the ranges wide, the starting currents see less than half of it, on average."""
     peak, width = np.array([1.0, 0.37, 0.0]), 0.2
     asked = []
 
@@ -517,7 +517,7 @@ def test_the_search_climbs_towards_a_peak_on_an_edge():
 
 
 def test_the_search_goes_on_from_the_ten_best_places_with_three_neighbours_of_each():
-    """In the direction that the test gives, by 15 % and 5 % of a range where the signals are strongest."""
+    """In the given random directions, by 15 % and 5 % of a range where the signals are farthest from rest."""
     box = CurrentDomain(IndependentCurrents(1), np.array([-1.0]), np.array([3.0]))
     asked, told = [], []
 
@@ -546,8 +546,8 @@ def test_the_search_goes_on_from_the_ten_best_places_with_three_neighbours_of_ea
 
 @pytest.mark.parametrize("modes", [6, 3])
 def test_the_error_that_a_choice_leaves_is_that_of_states_volume_and_tangents(modes):
-    """Each over its own allowance: the tolerance, a thousandth of the volume, and for a tangent of so many modes a
-    quarter of their number, at least of four, by Wigner's semicircle, times a half squared."""
+    """Each over its own allowance: the tolerance; a thousandth of the volume; and for a tangent a quarter of the number
+    of modes, at least of four, by Wigner's semicircle, times a half squared."""
     random = np.random.default_rng(12)
     parts = [random.standard_normal((40, modes)) for _ in range(3)]
     rows, wholes = random.standard_normal((2, 40, 3, modes)), random.standard_normal((2, modes, modes))
@@ -570,7 +570,7 @@ def test_the_error_that_a_choice_leaves_is_that_of_states_volume_and_tangents(mo
 def test_candidates_are_drawn_by_importance_and_a_tenth_of_its_mean():
     importance = np.repeat([1.0, 0.0], [10, 90])
     counts = np.bincount([candidates(importance, 1, seed)[0] for seed in range(4000)], minlength=100)
-    # 1 + 0.01 of each of ten, 0.01 of each of ninety.
+    # The probabilities are 1 + 0.01 for each of ten, and 0.01 for each of ninety.
     assert counts[:10].sum() / 4000 == pytest.approx(10.1 / 11.0, abs=0.015)
     assert counts[10:].any()
     assert [len(candidates(importance, count)) for count in (99, 100, 101)] == [99, 100, 100]

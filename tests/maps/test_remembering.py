@@ -1,4 +1,4 @@
-"""Maps of iron with hysteresis: their model against the full solver along paths that no training saw; their memory."""
+"""Maps of iron with hysteresis: their model against the full solver along new paths; their memory."""
 
 from dataclasses import replace
 
@@ -135,7 +135,7 @@ def test_along_paths_that_no_training_saw_the_model_is_the_solver(opened, truth,
         assert abs(read[0] - b[1] @ SENSOR.axis) < bound.flux_density
         off = np.abs(memory.flux_linkage(currents) - linked[k]).max()
         assert off < 2.0 * stated * np.abs(linked).max()
-    # The error is small beside what the memory makes: the same currents, each straight from the level.
+    # The error is small against the effect of the memory: the same currents, each straight from the level.
     straight = np.array([opened.field(POINTS, currents) for currents in path.currents])
     assert np.linalg.norm(straight - flux, axis=2).max() > 5.0 * error.flux_density
     # Sample points are not chosen for the heat.
@@ -158,7 +158,7 @@ def test_a_sensor_reads_the_iron_s_reaction_to_a_magnet(opened):
 
 @pytest.mark.parametrize("loop", [0.02, 0.3])
 def test_slopes_of_loops_are_those_of_the_solver(opened, truth, loop):
-    """The second of two loops of the left coil about the level, driven in the full solver."""
+    """Against the second of two loops of the left coil about the level, driven in the full solver."""
     turns = np.array([1.0, -1.0, 1.0, -1.0])
     flux, slope, *_ = truth("shaken", LEVEL + loop * turns[:, None] * [1.0, 0.0])
     _, _, by_flux, by_slope = opened.by_currents(POINTS, opened.last_currents, loop=loop)
@@ -171,7 +171,7 @@ def test_slopes_of_loops_are_those_of_the_solver(opened, truth, loop):
 
 def test_with_its_cells_taken_away_a_map_is_that_of_saturating_iron(made, device, monkeypatch):
     """The model without cells, one with cells that have no pinning, and the solver of iron without hysteresis."""
-    # Lookups as they are agree to about 1e-9: each ends at another place within its tolerance.
+    # At their usual tolerance lookups agree to about 1e-9 only, because each ends elsewhere within the tolerance.
     monkeypatch.setattr(current_model, "_OF_LOOKUPS", 1e-12)
     data = read_map(made[0])
     model = data.reduced_model
@@ -200,11 +200,11 @@ def test_paths_begin_where_they_say_and_stay_in_the_domain():
     for k, path in enumerate(cycles[:2]):
         np.testing.assert_array_equal(path.currents[:, 1 - k], LEVEL)
         moved = path.currents[:, k] - LEVEL
-        # To the nearer end: 0.6 A on both coils.
+        # The distance to the nearer end is 0.6 A on both coils.
         np.testing.assert_allclose([moved[:8].max(), moved[8:16].max(), moved[16:].max()], [0.03, 0.15, 0.6])
         np.testing.assert_allclose(moved.reshape(3, 8).sum(axis=1), 0.0, atol=1e-12)
     for k, path in enumerate(cycles[2:]):
-        # Beside the other coil, which is held 0.4 of that distance higher.
+        # The other coil is held 0.4 of that distance higher.
         np.testing.assert_allclose(path.currents[:, 1 - k], LEVEL + 0.24, rtol=1e-12)
         moved = path.currents[:, k] - LEVEL
         np.testing.assert_allclose([moved[:8].max(), moved[8:].max()], [0.45, 0.6])
@@ -249,16 +249,16 @@ def test_asking_changes_nothing_and_steps_leave_the_map_they_began_at(opened):
     asked = opened.field(POINTS, there)
     stepped = opened.step(there)
     np.testing.assert_array_equal(opened.remembered, before)
-    # Nor do other questions, which solve from where this one ended unless the memory is taken anew.
+    # Other questions change nothing either: a solve would start from the last state unless the memory were restored.
     opened.field(POINTS, [0.7, -0.2])
     np.testing.assert_array_equal(opened.field(POINTS, there), asked)
-    # What is kept of the last question belongs to the map that was asked.
+    # The last question is remembered for its own map only.
     here = opened.last_currents
     asked_here, recalled = opened.field(POINTS, here), opened.recalled(opened.step([-0.5, 0.8]).remembered)
     again = opened.step([-0.5, 0.8]).field(POINTS, here)
     np.testing.assert_array_equal(again, recalled.field(POINTS, here))
     assert np.abs(again - asked_here).max() > 0.01 * np.abs(asked_here).max()
-    # A straight path is the same, asked for or gone.
+    # A straight path gives the same field by a question and by a step.
     np.testing.assert_allclose(stepped.field(POINTS, there), asked, atol=1e-5 * np.abs(asked).max())
     back = stepped.field(POINTS, opened.last_currents) - opened.field(POINTS, opened.last_currents)
     assert np.abs(back).max() > 0.01 * np.abs(asked).max()
@@ -284,7 +284,7 @@ def test_derivatives_by_the_currents_are_those_with_the_memory_as_it_is(opened):
     flux, _, by_current, _ = memory.by_currents(POINTS, at)
     direction = np.array([-0.6, 0.8])
     slope = direction @ by_current
-    # Cells that begin to move between two steps bend the field, so that the ratio of two steps says little: measured
+    # Cells that begin to move between two steps bend the field, so the ratio of two steps says little. Measured errors
     # are up to 0.35 t^2 of the slope.
     for t in (0.02, 0.01, 0.005, 0.0025, 0.00125, 0.0006):
         left = np.abs(memory.field(POINTS, at + t * direction) - flux - t * slope).max()

@@ -1,4 +1,4 @@
-"""A training that stopped and goes on: it solves what is missing, and trains on what the first run would have."""
+"""A training that stopped and continues: it solves the missing states, and trains on the states of an unbroken run."""
 
 from types import SimpleNamespace
 
@@ -23,7 +23,7 @@ COILS = [CircularCoil(name, 6e-3, 8e-3, 10e-3, 100) for name in "ab"]
 
 
 class LinearIron:
-    """Nodal potentials that follow the currents by `POTENTIALS`. The solve of number `stops` is interrupted."""
+    """Nodal potentials are `POTENTIALS` times the currents. The solve of number `stops` is interrupted."""
 
     device = SimpleNamespace(coils=COILS, background=None, fixed_sources=())
     images, unknowns, matrix_bytes = (), 4, 0
@@ -46,7 +46,7 @@ class LinearIron:
 
 
 def train(path, solver, tried=TRIED, fingerprint="one"):
-    """The training after its first three states, and the states that it was tried on; what was counted."""
+    """The training after its first three states, and the states that it was tried on."""
     domain = CurrentDomain(IndependentCurrents(2), np.array([-1.0, 0.0]), np.array([2.0, 1.0]))
     forecast = Forecast(lambda text, share: None, dict.fromkeys(("training", "random", "points"), 1.0))
     with Checkpoint(path, fingerprint) as checkpoint:
@@ -58,7 +58,7 @@ def train(path, solver, tried=TRIED, fingerprint="one"):
 
 @pytest.fixture
 def stopped(tmp_path):
-    """Of a run that was stopped at its last trial state."""
+    """The file of a run that was stopped at its last trial state."""
     path = tmp_path / "map.kept"
     with pytest.raises(KeyboardInterrupt):
         train(path, LinearIron(stops=4))
@@ -75,7 +75,7 @@ def test_it_trains_on_no_state_that_it_is_tried_on(stopped, tmp_path):
         np.testing.assert_allclose(one.known.potentials, POTENTIALS @ one.currents[:3].T, rtol=1e-14)
         np.testing.assert_array_equal(known.currents, TRIED)
         np.testing.assert_allclose(known.potentials, POTENTIALS @ TRIED.T, rtol=1e-14)
-        # What is counted is counted once, whoever solved it.
+        # Each state is counted once, whichever run solved it.
         assert (one.states.count, one.states.failed) == (5, {})
         assert all(state.tangents.shape == (4, 2) for state in one.known.states)
     assert (whole.states.computed, again.states.computed) == (5, 1)
@@ -92,7 +92,7 @@ def test_it_takes_no_state_of_other_currents_or_of_another_map(stopped):
 
 @pytest.mark.parametrize("stops", [None, 4])
 def test_large_tangents_stay_on_the_disk_and_change_no_number(tmp_path, monkeypatch, stops):
-    """Of states that were just solved, and of those that an earlier run solved."""
+    """States that were just solved, and states that an earlier run solved."""
     monkeypatch.setattr(of_states, "_LARGE", 0)
     path = tmp_path / "map.kept"
     if stops is not None:
@@ -114,7 +114,7 @@ def test_large_tangents_stay_on_the_disk_and_change_no_number(tmp_path, monkeypa
             np.testing.assert_array_equal(whole.air, 2.0 * both)
             turned = StateImage(np.array([1, 0]), np.ones(2), np.array([3, 2, 1, 0]), -1.0)
             np.testing.assert_array_equal(held.image(turned).tangents, -whole.tangents[::-1])
-        # What is trained on later is read from the disk later.
+        # Tangents for later training stay on the disk.
         again = known.some([0, 1])
         again.add(known.currents[2], known.held(2))
         assert all(isinstance(again.held(number), Stored) for number in range(3))

@@ -30,7 +30,7 @@ def test_its_numbers_are_those_of_its_device():
     for ours, judge in zip(
         m.field_and_gradient(points, currents), solved.field_and_gradient(points, currents), strict=True
     ):
-        # The coarser mesh of the judge is what they differ by.
+        # The difference is due to the coarser mesh of the reference.
         assert np.abs(ours - judge).max() < 0.01 * np.abs(judge).max()
 
 

@@ -1,4 +1,4 @@
-"""Sample points against the law at all points: iron that hardly saturates, whose residuals a few points meet."""
+"""Sample points against the law at all points: a few points meet the residuals of hardly saturated iron."""
 
 from types import SimpleNamespace
 
@@ -35,7 +35,7 @@ def largest_change(made, few, count=300):
 
 @pytest.fixture(scope="module")
 def permeable():
-    """Permeability up to 20 000, driven to a part of its saturation only."""
+    """Permeability up to 20 000, driven to only a part of its saturation."""
     return bar(law_tables([Froehlich("steel", 20000.0, 2.1)]), 3, MODES, POINTS, 1e-3)
 
 
@@ -53,7 +53,7 @@ def test_sample_points_hold_states_that_no_choice_has_seen(permeable):
 
 
 def test_residuals_of_known_states_alone_would_not_do(permeable, monkeypatch):
-    """The fault that this replaced: the points met the residuals of all known states, and no other state."""
+    """The earlier fault: the points met the residuals of all known states, and of no other state."""
     monkeypatch.setattr(sampling, "_TANGENTS", 0)
     monkeypatch.setattr(sampling, "_TRIED", np.inf)
     found = choose(permeable, KNOWN[:4])
@@ -61,12 +61,12 @@ def test_residuals_of_known_states_alone_would_not_do(permeable, monkeypatch):
 
 
 def test_states_that_fall_short_are_drawn_in(permeable, monkeypatch):
-    """From one known state, without tangents: what the choice lacks it learns from the states that are tried."""
+    """From one known state, without tangents: the choice learns what it lacks from the tried states."""
     monkeypatch.setattr(sampling, "_TANGENTS", 0)
     found = choose(permeable, KNOWN[:1])
     assert found.enough
     assert found.tried > 8 + 2 * sampling._RANDOM
-    # 0.63 or 1.23 of it: which points are chosen depends on the last digits of the known states.
+    # It is 0.63 or 1.23 of the accuracy: the chosen points depend on the last digits of the known states.
     assert largest_change(permeable, found.model) < 2.0 * ACCURACY
 
 
@@ -117,7 +117,7 @@ def test_a_choice_of_all_points_that_does_not_do_says_so(permeable, monkeypatch)
 
 
 def test_many_states_at_once_are_those_of_newtons_method(permeable):
-    """By the tangents of a poor model, and one by one."""
+    """By the tangents of a poor model for all states at once, against one by one."""
     currents = DOMAIN.at(np.random.default_rng(8).random((40, 3)))
     wanted = solved(permeable.model, currents)
     few = np.random.default_rng(9).choice(POINTS, 60, replace=False)
@@ -142,7 +142,7 @@ def test_residuals_of_many_states_are_those_of_each(permeable):
 
 @pytest.mark.parametrize("inductance", [0.0, 1.0])
 def test_totals_of_many_conditions_are_sums_over_the_points_of_each(permeable, monkeypatch, inductance):
-    """In blocks of points and of states that do not divide their numbers; unit vectors project without an error."""
+    """Blocks of points and of states do not divide their numbers; unit vectors project without an error."""
     monkeypatch.setattr(reduced, "_BLOCK", 130)
     monkeypatch.setattr(reduced, "_AT_ONCE", 3)
     model, weights = permeable.model, reduced.Weights(0.3, 0.3, inductance)
@@ -172,20 +172,20 @@ def test_roots_of_the_tangent_add_up_to_the_share_of_the_law(permeable):
 
 
 def test_the_tangent_of_the_points_is_that_of_all_within_its_tolerance(permeable, monkeypatch):
-    """By the first choice, which no state that is tried has mended, for two states whose residuals few points meet."""
+    """The first choice, which no tried state has improved, for two states: a few points meet their residuals."""
     monkeypatch.setattr(sampling, "_TRIED", np.inf)
     found = choose(permeable, KNOWN[:2])
     for currents in KNOWN[:2]:
         amplitude = solved(permeable.model, currents[None])[0]
         whole, few = (one.tangent_factor(currents, amplitude) for one in (permeable.model, found.model))
         ratio = np.linalg.eigvals(np.linalg.solve(whole @ whole.T, few @ few.T)).real
-        # 0.29 without that condition. With it 0.72 to 0.92 and 1.08 to 1.24, by the last digits of the known states.
+        # 0.29 without that condition; with it 0.72 to 0.92 and 1.08 to 1.24, by the last digits of the known states.
         assert ratio.min() > 0.6
         assert ratio.max() < 1.4
 
 
 def test_tangents_of_the_three_most_different_states_are_conditions(permeable, monkeypatch):
-    """Of four states, two of which are nearly the same, one of these two is left out."""
+    """Of four states two are nearly the same, and one of these is left out."""
     given = []
     add = sampling.Cubature.add_tangent
 
@@ -207,8 +207,8 @@ def test_tangents_of_the_three_most_different_states_are_conditions(permeable, m
 
 @pytest.fixture
 def rounds(monkeypatch):
-    """rounds(taken, left, most, ...): what each choice is asked for if that many points are taken, the first ones, and
-    leave so much of what is allowed: tolerance and most points, numbers of candidates, and what is found."""
+    """rounds(taken, left, most, ...): the requests (tolerance, most points), candidates and result of each choice, if
+    a choice takes the first points of this number and leaves this share of the allowance."""
 
     class Choice:
         """In place of the fit."""
@@ -230,7 +230,7 @@ def rounds(monkeypatch):
         noted.counts.append(count)
         return np.arange(min(count, len(importance)))
 
-    # No states are solved: whatever is chosen changes all of them by the accuracy.
+    # No states are solved: any choice changes all of them by the accuracy.
     noted = SimpleNamespace()
     monkeypatch.setattr(sampling, "Cubature", Choice)
     monkeypatch.setattr(sampling, "candidates", candidates)
@@ -251,7 +251,7 @@ def rounds(monkeypatch):
 
 
 def test_where_the_fit_is_good_and_states_are_not_it_is_made_better(rounds):
-    """By 0.7 of its tolerance, from 0.4 of the accuracy to 0.05; the best of twelve choices is taken."""
+    """The tolerance falls by 0.7 from 0.4 of the accuracy to 0.05; the best of twelve choices is taken."""
     made = rounds(lambda most: 40, 0.5, 400)
     tolerances = [0.4 * 0.7**k for k in range(6)] + [0.05] * 6
     assert made.asked == [(pytest.approx(max(one, 0.05)), 400) for one in tolerances]
@@ -269,11 +269,11 @@ def test_where_the_fit_is_good_and_states_are_not_it_is_made_better(rounds):
 
 
 def test_where_the_fit_is_not_good_there_are_more_candidates_or_more_points(rounds):
-    """Twice as many each time: of the points if all of them are used, until there are as many as there can be."""
+    """Twice as many each time: of the points if all of them are used, up to the number of points that exist."""
     made = rounds(lambda most: 40, 1.5, 400, points=3000)
     assert made.counts == [1000, 2000, 3000]
     assert made.asked == [(pytest.approx(0.4), 400)] * 3
-    # Fits to more candidates are of all states, and of the tangents.
+    # Fits to more candidates use all states again, and the tangents.
     assert (made.of_states, made.tangents) == ([2, 24, 26, 24, 50, 24], 6)
     made = rounds(lambda most: most, 1.5, 60, points=300)
     assert made.asked == [(pytest.approx(0.4), most) for most in (60, 120, 240, 480)]

@@ -75,7 +75,7 @@ def field_of(data, currents):
     return (np.tensordot(weights, values, 1) for values in (data.flux_density, data.gradient))
 
 
-# Corners of the domain, opposed and equal currents, and one where the iron hardly carries flux.
+# Corners of the domain, opposed and equal currents, and currents at which the iron hardly carries flux.
 @pytest.mark.parametrize("currents", [(0.5, -1.0), (2.0, 2.0), (2.0, -1.0), (1.3, 1.9), (0.6, 0.02)])
 def test_the_map_agrees_with_direct_solves(data, solver, currents):
     flux, gradient = field_of(data, currents)
@@ -115,7 +115,7 @@ def test_sensors_in_loops_read_saturated_iron(folder):
 
 @pytest.mark.usefixtures("data")
 def test_sensors_read_what_fresh_solves_have(folder, solver):
-    """The currents' share is that of saturating iron. A magnet adds what the iron answers without currents."""
+    """The share of the currents is that of saturating iron; a magnet adds the iron's response at zero currents."""
     m, sensor = fm.open_map(folder / "map.h5"), solver.device.sensors[0]
     for currents in ((0.5, -1.0), (2.0, 2.0), (1.3, 0.4)):
         truth = solver.solve(currents).field(sensor.position) @ sensor.direction
@@ -123,7 +123,7 @@ def test_sensors_read_what_fresh_solves_have(folder, solver):
     place, moment = np.array([-5e-3, 2e-3, -9e-3]), np.array([0.1, -0.2, 0.7])
 
     def dipole(points):
-        # Of one T m^3.
+        # The dipole of 1 T m^3.
         r = points - place
         d = np.linalg.norm(r, axis=1)[:, None]
         along = (r @ moment)[:, None]
@@ -141,7 +141,7 @@ def test_sensors_read_what_fresh_solves_have(folder, solver):
     truth = 4e-7 * np.pi * (iron + dipole(at)[0, 0]) @ sensor.direction
     alone = m.readings(place, moment, (1.3, 0.4)) - m.readings(place, np.zeros(3), (1.3, 0.4))
     assert abs(iron @ sensor.direction) > 0.1 * abs(dipole(at)[0, 0] @ sensor.direction)
-    # Elements are 7 mm wide, the sensor is 4 mm below the core: reciprocity holds to 0.3 % of what the iron answers.
+    # Elements are 7 mm wide, the sensor is 4 mm below the core: reciprocity holds to 0.3 % of the iron's response.
     assert alone == pytest.approx([truth], rel=1e-3)
     assert any(one.startswith("sensors: ") for one in m.assumptions)
 
@@ -181,8 +181,8 @@ def test_the_stated_errors_are_those_of_states_not_trained_on(data):
     assert tried["at random"]["states"] == tried["at random"]["solved"] == 4
     assert tried["trained on"]["solved"] == report["states_trained_on_solved"]
     extremes = report["extremes"]
-    # Four corners, equal and opposed currents, each coil alone: none is an image of another in the domain but by the
-    # mirror between the cores.
+    # Four corners, equal and opposed currents, each coil alone. Only the mirror between the cores maps one onto another
+    # in the domain.
     assert extremes["corners"] == 4
     assert extremes["looked_at"] == 19 >= extremes["different"] >= extremes["solved"] > 4
     assert tried["at extremes"]["solved"] + extremes["trained_on"] == extremes["solved"]
@@ -225,7 +225,7 @@ def test_shares_of_sums_are_those_of_the_charges(solver):
     weights, changes = np.eye(3), 1e-3 * random.standard_normal((3, 3))
     ours = trial.shares_of_sums(currents, trial.fields(charge), weights, changes)
     np.testing.assert_allclose(ours, trial.shares(currents, charge, changes @ charge), rtol=1e-9)
-    # Without any field there is nothing to compare with: a thousandth of the largest stands for it.
+    # Without any field a thousandth of the largest field is the reference.
     none = trial.shares_of_sums(
         np.concatenate([currents, np.zeros((1, 2))]),
         trial.fields(charge),
@@ -252,7 +252,7 @@ def test_no_more_states_are_solved_than_the_accuracy_asks_for(data):
 
 
 def test_a_lucky_round_does_not_end_the_training(folder, monkeypatch):
-    """Every round is made to look perfect, so that the sequence pauses after each: states at random decide."""
+    """Every round is made to look perfect, so the sequence pauses after each: states at random decide when it ends."""
     true = sequence_of.next_round
 
     def lucky(*arguments):
@@ -261,14 +261,14 @@ def test_a_lucky_round_does_not_end_the_training(folder, monkeypatch):
 
     monkeypatch.setattr(sequence_of, "next_round", lucky)
     monkeypatch.setattr(search, "HELD_OUT", 1.0)
-    # More extremes than corners would teach the model enough.
+    # Extremes beyond the corners would teach the model enough.
     monkeypatch.setattr(search, "extreme_signals", corner_signals)
     (folder / "finer.toml").write_text(RECIPE.replace("1e-3", "8e-6").replace("250", "600"))
     report = read_map(fm.generate(folder / "finer.toml", folder / "lucky.h5")).provenance.solver_report
     assert 1 < len(report["rounds"]) < 9
-    # Within the accuracy as trained, and what fewer modes and points may change.
+    # The accuracy of the training, plus the change by fewer modes and points.
     assert worst_share(report["states_tried"]["at random"]) < 2.1 * 8e-6
-    # What was asked for once more is not counted twice.
+    # States that were requested again are not counted twice.
     others = sum(of["solved"] for kind, of in report["states_tried"].items() if kind != "trained on")
     assert report["states_solved"] == report["states_trained_on_solved"] + others
 
@@ -300,18 +300,18 @@ def test_images_of_states_are_states(solver):
     currents = np.array([1.7, 0.4])
     state = solver.solve(currents)
     images = {tuple(image.currents(currents)): image for image in solver.images}
-    # Mirrors x = 0 and y = 0, each with the currents as they are and reversed.
+    # Mirrors x = 0 and y = 0, each with the same and with reversed currents.
     assert set(images) == {(0.4, 1.7), (1.7, 0.4), (-0.4, -1.7), (-1.7, -0.4)}
     for values, image in images.items():
         direct = solver.solve(values).state.potential[:, 0]
         ours = image.potential(state.state.potential[:, 0])
-        # Potentials of a whole are known up to a constant.
+        # Potentials of a connected piece are known up to a constant.
         difference = ours - direct
         assert np.ptp(difference) < 1e-5 * np.ptp(direct)
 
 
 def test_tangents_are_the_derivatives_of_states(solver):
-    """Taylor: what a tangent leaves of a difference of states falls with the square of the step."""
+    """Taylor: the difference of states less the tangent falls with the square of the step."""
     currents, direction = np.array([1.4, 0.7]), np.array([1.0, -0.6])
     tangent = solver.sensitivities(currents, potential_at(solver, currents), direction[:, None], 1e-9)[:, 0]
     size = np.ptp(tangent)
@@ -319,7 +319,7 @@ def test_tangents_are_the_derivatives_of_states(solver):
     left = []
     for step in steps:
         ahead, behind = (potential_at(solver, currents + s * direction) for s in (step, -step))
-        # Central differences leave a third derivative; potentials of a whole are known up to a constant.
+        # Central differences leave the third derivative; potentials of a connected piece are known up to a constant.
         left.append(np.ptp((ahead - behind) / (2.0 * step) - tangent) / size)
     slopes = np.log2(np.array(left[:-1]) / np.array(left[1:]))
     assert (slopes > 1.5).all()
@@ -354,7 +354,7 @@ def test_modes_hold_the_states_and_their_tangents(solver):
         assert np.einsum("ns,ns->s", left, energy(left)) == pytest.approx(
             np.zeros(3), abs=1e-9 * np.einsum("ns,ns->s", vectors, energy(vectors)).max()
         )
-    # A state between them is one of the model, up to what the second derivative leaves.
+    # The model gives a state between them, up to the second derivative.
     between = np.array([1.3, 0.95])
     ours = modes.basis @ modes.amplitude(between)
     truth = potential_at(solver, between)
@@ -363,8 +363,8 @@ def test_modes_hold_the_states_and_their_tangents(solver):
 
 @pytest.mark.parametrize("limit", ["_AS_THEY_ARE", "_NUMBERS"])
 def test_modes_of_many_columns_leave_no_more_than_the_best_there_are(solver, monkeypatch, limit):
-    """Sought in ten combinations of eighteen columns and their images, they hold as much of their energy as modes of
-    the same number can (Eckart and Young)."""
+    """Sought in ten combinations of eighteen columns and their images, they hold as much of the columns' energy as the
+    best modes of this number (Eckart and Young)."""
     monkeypatch.setattr(modes_of, "_MORE", 4)
     monkeypatch.setattr(modes_of, limit, 1)
     blocks, block = [], modes_of._Columns.block
@@ -394,7 +394,7 @@ def test_modes_of_many_columns_leave_no_more_than_the_best_there_are(solver, mon
 
 
 def test_a_part_of_the_points_tells_the_energy(solver, monkeypatch):
-    """Sizes of the residuals are those that all the points give."""
+    """The sizes of the residuals equal those from all points."""
     currents = np.array([1.6, 1.4])
     modes = SolvedModes(solver, snapshots(solver, False, currents), 20, 0.0)
     amplitude = modes.amplitude(currents)
@@ -410,7 +410,7 @@ def test_a_part_of_the_points_tells_the_energy(solver, monkeypatch):
     rough = contributions(replace(modes.model))
     assert not np.array_equal(rough, exact)
     assert np.linalg.norm(rough) == pytest.approx(np.linalg.norm(exact), rel=0.15)
-    # No direction is favoured: the products of the points are the same up to what a sample leaves.
+    # No direction is favoured: the products of the points are the same up to the sampling error.
     products = exact @ exact.T
     assert np.linalg.norm(rough @ rough.T - products) < 0.2 * np.linalg.norm(products)
 
@@ -429,7 +429,7 @@ def test_other_programs_can_read_it(data, folder, monkeypatch, capsys):
 
 
 def test_a_stopped_run_goes_on_to_the_same_bits(data, folder, monkeypatch):
-    # What nothing is kept of.
+    # Nothing of the certificate is kept, so it is left out.
     monkeypatch.setattr(generation, "certified_bounds", lambda *_: {})
 
     def stop_at(message):
@@ -460,7 +460,7 @@ def test_a_stopped_run_goes_on_to_the_same_bits(data, folder, monkeypatch):
 
 
 def test_states_come_back_with_their_costs(tmp_path):
-    """Unless they are of other currents; one that failed comes back with its reason."""
+    """Unless the currents differ; a failed state comes back with its reason."""
 
     def solve_potential(currents, tolerance, start):
         if currents[0] == 2.0:
@@ -506,13 +506,13 @@ def test_contributions_are_counted_by_the_error_that_they_cause(solver):
     fields = np.random.default_rng(2).standard_normal((4, 3))
     for currents in known:
         amplitude = model.solve(currents, np.zeros(4))[0]
-        # Weights of the points off by a ten-thousandth, each its own.
+        # Each point's weight is off by its own ten-thousandth.
         share = 1e-4 * np.random.default_rng(1).standard_normal(len(model.weights))
         others = replace(model, weights=model.weights * (1 + share))
         off = others.solve(currents, amplitude)[0] - amplitude
         tangent = basis.T @ solver.energy_operator(currents, basis @ amplitude)(basis)
         moments = model.moments(currents, amplitude)
-        # Of its energy alone, of three numbers linear in the modes alone, and of both.
+        # By the energy alone, by three numbers linear in the modes alone, and by both.
         caused = np.sqrt(off @ tangent @ off / (amplitude @ tangent @ amplitude))
         of_fields = np.linalg.norm(off @ fields) / np.linalg.norm(amplitude @ fields)
         for parts, energy, expected in (
@@ -636,7 +636,7 @@ def test_recipes_that_make_no_sense_are_refused(folder, tmp_path, two_cores, old
 
 
 def test_what_newtons_method_leaves_is_far_below_what_the_model_is_off(data):
-    """A lookup against the same equations solved to 1e-10, in the fields that it adds up."""
+    """A lookup against the same equations solved to 1e-10, in the fields of the sum."""
     model = CurrentModel(data.reduced_model, data.coil_names)
     reduced = data.reduced_model
     shares = np.random.default_rng(3).random((12, 2))
@@ -659,7 +659,7 @@ def test_some_states_to_train_on_are_their_own_images(solver):
     assert mirrors
     for currents, before in zip(signals[changed], plain[changed], strict=True):
         assert box.holds(currents)
-        # Half way: the mirror exchanges the two coils.
+        # The mirror exchanges the two coils: half way, both have the same current.
         assert currents == pytest.approx(before.mean(), rel=1e-12)
         assert any(image.currents(currents) == pytest.approx(currents, rel=1e-12) for image in mirrors)
     # Without an image in the domain nothing changes.

@@ -1,5 +1,5 @@
-"""A dozen of the sixty machines of `scripts/validate.py --only saturating_machines`, the quickest: at states that no
-training saw a map is as accurate as it says and as was asked for. None of these is refused."""
+"""The quickest twelve of the sixty machines of `scripts/validate.py --only saturating_machines`: at new states a map is
+as accurate as it states and as requested. None of these machines is refused."""
 
 import importlib
 from collections import Counter
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 SCRIPTS = Path(__file__).parents[2] / "scripts"
-# By what the mesh sizes of the study are multiplied.
+# Factor on the mesh sizes of the study.
 MACHINES = {
     "one_core-soft_ferrite": 1.0,
     "opposed_cores-two_points": 1.5,
@@ -28,7 +28,7 @@ MACHINES = {
 
 @pytest.fixture(scope="module")
 def validation():
-    """A module of scripts/validation/saturating, by its name."""
+    """module(name): a module of scripts/validation/saturating."""
 
     def module(name):
         with pytest.MonkeyPatch.context() as patch:
@@ -50,7 +50,7 @@ def test_a_map_is_as_accurate_as_it_says(validation, name):
 
 
 def test_sixty_machines_can_be_read(validation):
-    """Each device and each steel stands in several."""
+    """Each device and each steel is in several machines."""
     machines = validation("combinations").COMBINATIONS
     assert len({machine.name for machine in machines}) == len(machines) == 60
     for kind in ("device_name", "steel_name"):

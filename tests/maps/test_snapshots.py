@@ -1,4 +1,4 @@
-"""Solved states and which of them a solve begins at."""
+"""Solved states, and the choice of the state that a solve starts from."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""Solved paths that are kept: taken again for the same currents after the same history, solved anew for any other."""
+"""Kept paths are used again for the same currents after the same history, and solved anew for any other."""
 
 from types import SimpleNamespace
 

@@ -28,8 +28,8 @@ from fieldmap.store import Checkpoint
 from tests.maps.whole_bar import COILS, POINTS, WholeBar
 
 REFERENCE = np.array([0.7, 1.3, 0.2])
-# Ranges of the currents, and the plan: within few states; by the residual of more extremes than are all solved; and
-# with too few states, in a domain that holds the reversal of its middle.
+# Ranges of the currents, and the plan: a case that needs few states; a case with more extremes than are all solved,
+# chosen by the residual; and a case with too few states, in a domain that holds the reversal of its middle.
 CASES = {
     "few": (
         [(-1.5, 1.0), (-0.5, 2.0)],
@@ -47,7 +47,7 @@ CASES = {
 
 
 class Noting(Forecast):
-    """A forecast that notes what it is told of pieces of stages."""
+    """A forecast that records the pieces of stages."""
 
     def __init__(self, *given):
         super().__init__(*given)
@@ -64,7 +64,7 @@ class Noting(Forecast):
 
 @pytest.fixture(scope="module", params=CASES)
 def trained(request, tmp_path_factory):
-    """What a training gives, the solver with what it was asked, and what was told."""
+    """Result of a training, the solver with its solves, and the progress texts."""
     (ranges, plan), told = CASES[request.param], []
     coils, domain = len(ranges), CurrentDomain(IndependentCurrents(len(ranges)), *np.array(ranges).T)
     solver, path = WholeBar(coils), tmp_path_factory.mktemp("bar") / "map.partial"
@@ -74,7 +74,7 @@ def trained(request, tmp_path_factory):
         patch.setattr(condensation, "_TRIED", 30)
         states = SolvedStates(checkpoint, Common.of(solver), workers)
         found = train(solver, domain, plan, POINTS, REFERENCE[:coils], states, forecast)
-    # The last solve is that of the middle, from the nearest state, for its report.
+    # The last solve is the middle, from the nearest state, for the report.
     currents, _, start = solver.solves.pop()
     assert found.about["report"] == {"currents": currents}
     np.testing.assert_array_equal(currents, domain.middle)
@@ -91,7 +91,7 @@ def norms(values):
 
 
 def weights(trained, currents):
-    """Of the fields of the iron, by Newton's method on the arrays of the map."""
+    """Weights of the iron's fields, by Newton's method in numpy."""
     m = trained.found.model
     few = GalerkinModel(
         m.gradients,
@@ -106,7 +106,7 @@ def weights(trained, currents):
 
 
 def errors_at(trained, currents):
-    """Largest difference, largest field, and largest share, of flux density and gradient."""
+    """Largest difference, largest field, and largest relative error, of flux density and gradient."""
     charge = trained.solver.charge_density(np.array([trained.solver.potential(i) for i in currents]).T)
     ours = weights(trained, currents) @ trained.found.charge
     rows = []
@@ -120,7 +120,7 @@ def errors_at(trained, currents):
 
 
 def test_stated_errors_are_those_of_states_solved_anew(trained):
-    """At the random states, at those that it was trained on, and within what is promised anywhere else."""
+    """At the random states, at the training states, and within the promised errors anywhere else."""
     tried, solved = trained.about["states_tried"], {currents for currents, *_ in trained.solver.solves}
     kinds = {
         "at random": held_out(trained.domain, trained.plan.held_out),
@@ -148,7 +148,7 @@ def test_stated_errors_are_those_of_states_solved_anew(trained):
 
 
 def test_stated_errors_of_linkages_are_those_of_states_solved_anew(trained):
-    """The model as the C core solves it, beside the bar's own linkages and their differences."""
+    """The model as the C core solves it, against the bar's own linkages and their differences."""
     stated, currents = trained.about["linkage_error"], held_out(trained.domain, trained.plan.held_out)
     names = tuple("abc"[: trained.coils])
     model, off = CurrentModel(trained.found.model, names, outside="evaluate"), []
@@ -193,7 +193,7 @@ def test_what_was_solved_is_counted_by_its_kind(trained):
     assert about["corners_trained_on"] == extremes["trained_on"]
     solved = sum(one["solved"] for kind, one in tried.items() if kind != "trained on")
     again = trained.about["extremes"]["searched"] > 300
-    # Of a model that is trained once more, states that measured the error of the first are not told of.
+    # After a second training, states that measured the error of the first model are not reported.
     assert (trained.states.count > about["states_trained_on_solved"] + solved) == again
     assert trained.states.count >= about["states_trained_on_solved"] + solved
     assert tried["at extremes"]["solved"] + extremes["trained_on"] == extremes["solved"]
@@ -208,14 +208,14 @@ def test_extremes_are_those_of_the_domain(trained):
     reversed_ones = sum((np.abs(signals + row).max(axis=1) < 1e-9).any() for row in signals)
     assert extremes["different"] == len(signals) - reversed_ones // 2
     assert extremes["by_residual"] == (extremes["different"] > 32)
-    # Of many eight of the largest indicator and four others at first, and never more than 64.
+    # From many extremes first the eight of the largest indicators and four others, and never more than 64.
     assert (12 if extremes["by_residual"] else extremes["different"] - 8) <= extremes["solved"] <= 64
     # The search begins at the extremes, 32 at most, 32 at random and as many on edges; ten places have three
     # neighbours in each of two rounds.
     searches, rest = divmod(extremes["searched"], min(32, len(signals)) + 64 + 60)
     assert rest == 0
     assert searches >= 1
-    # What is solved first of each kind: the worst and others, and of the searches the first places of the ends.
+    # First solved of each kind: the worst and others; and of the searches the best ends.
     texts, known = [text for text, _ in trained.told], len(trained.found.model.known_currents)
     first = next(int(text.split()[3]) for text in texts if text.endswith("at extremes"))
     assert first == 12 if extremes["by_residual"] else first >= extremes["different"] - known
@@ -254,8 +254,8 @@ def test_two_tries_are_added_up():
 
 
 def test_solves_begin_near_their_ends(trained):
-    """The first two behind the middle at its tangent, by the change of their signals; later ones where the model
-    predicts them."""
+    """The first two after the middle start at its tangent, by the change of their signals; later solves start at the
+    model's prediction."""
     potential, solves = trained.solver.potential, trained.solver.solves
     assert solves[0][2] is None
     middle, step = np.array(solves[0][0]), 1e-3
@@ -277,7 +277,7 @@ def test_weights_at_the_ends_of_the_domain_and_at_the_reference(trained):
     np.testing.assert_allclose(
         model.reference_weights, weights(trained, REFERENCE[None, : trained.coils])[0], rtol=1e-4
     )
-    # A tenth more than at those that were looked at: extremes, states that fill the domain, and those trained on.
+    # A tenth more than the largest at extremes, at states that fill the domain, and at training states.
     signals = np.concatenate([extreme_signals(trained.domain), sequence(trained.domain, 128)])
     currents = np.concatenate([trained.domain.parametrisation.currents(signals), model.known_currents])
     largest = 1.1 * np.abs(weights(trained, currents)).max(axis=0)
@@ -299,7 +299,7 @@ def test_fewer_modes_and_points_are_told_with_what_they_change(trained):
     changed = [share * trained.plan.accuracy * before["changed"] for share in (1.0, 0.5, 0.2)]
     assert parts["condensation"] in [pytest.approx(one) for one in changed]
     assert before["changed"] <= 1.1
-    # No part is larger than all errors together, and the projection error is that of a state.
+    # No part is larger than the total error, and the projection error is relative to a state.
     largest = max(one["flux_density_share"] for one in about["states_tried"].values())
     assert parts["states"] <= 2.0 * largest
     assert parts["modes_leave"] <= max(0.2 * trained.plan.accuracy, 1e-5) * 1.01
@@ -312,7 +312,7 @@ def test_the_progress_counts_the_states_of_each_stage(trained):
     texts = [RATE.sub("", text) for text, _ in trained.told]
     shares = [share for _, share in trained.told]
     assert 0.0 == shares[0] < shares[-1] < 1.0
-    # A rate stands behind all states but the first of a kind.
+    # A rate follows every state except the first of a kind.
     assert sum(RATE.search(text) is not None for text, _ in trained.told) > len(texts) / 4
     stages = {}
     for text in texts:
@@ -322,7 +322,7 @@ def test_the_progress_counts_the_states_of_each_stage(trained):
     assert stages["", trained.plan.states] == list(range(1, taken + 1))
     assert stages["at random", trained.plan.held_out] == list(range(1, trained.plan.held_out + 1))
     for (_, most), numbers in stages.items():
-        # States that are there already are counted, not told.
+        # States that exist already are counted, but not reported.
         assert set(numbers) == set(range(min(numbers), max(numbers) + 1))
         assert max(numbers) <= most
     known = [text for text in texts if text.startswith("sample points, from state")]
@@ -333,7 +333,7 @@ def test_the_progress_counts_the_states_of_each_stage(trained):
 
 
 def test_pieces_of_each_stage_are_counted(trained):
-    """States of the sequence to the expected end, one round more than that of the last; others of their own number."""
+    """States of the sequence count to the expected end, one round beyond the last; others to their own number."""
     pieces, plan, rounds = trained.forecast.pieces, trained.plan, trained.about["rounds"]
     shares = [
         max(one["errors"]["flux_density_share"], one["errors"]["gradient_share"] / 2.0) for one in rounds
@@ -365,7 +365,7 @@ def test_pieces_of_each_stage_are_counted(trained):
     choices = [
         (message[-1], done) for message, done in points if "choice 1" in message or "choice 2" in message
     ]
-    # A tenth for the conditions, then 40 % of what is left in each choice.
+    # A tenth for the conditions, then 40 % of the rest in each choice.
     assert all(done == pytest.approx(1.0 - 0.9 * 0.6 ** int(number)) for number, done in choices)
     assert all(0.0 <= done < 0.1 for message, done in points if "state" in message)
     assert {done for message, done in points if "conditions" in message} == {0.1}
@@ -391,7 +391,7 @@ def training_of(bar, folder, ranges, **plan):
 
 
 def test_a_training_whose_first_state_fails_goes_on_without_a_start(tmp_path):
-    """Nor is there one behind a middle without currents."""
+    """A middle without currents gives no start either."""
     for ranges, fails in (([(-1.0, 1.5), (0.0, 1.0)], ((0.25, 0.5),)), ([(-1.0, 1.0), (-0.5, 0.5)], ())):
         bar = WholeBar()
         bar.fails = fails
@@ -406,7 +406,7 @@ def test_states_at_random_take_half_of_those_to_train_on(tmp_path):
     bar = WholeBar(images=False)
     with training_of(bar, tmp_path, [(-1.0, 1.5), (0.0, 1.0)], states=6, held_out=7) as training:
         found = [value for stage, value in training.seconds if stage == "random"]
-        # Told at three states.
+        # The forecast was told after three states.
         assert found == pytest.approx([0.5 * 7 * training.seconds_of_state] * 3)
         assert [training.too_few(SimpleNamespace(left=left)) for left in (3.99e-3, 4.01e-3)] == [False, True]
         training.most_modes = 12
@@ -426,13 +426,13 @@ def test_an_image_of_a_state_that_failed_is_solved_itself(tmp_path):
             f"state {k} of 4 to try" for k in (1, 2, 4)
         ]
         assert list(training.states.failed) == [50]
-        # What is there already is not solved again, and begins nowhere.
+        # Existing states are not solved again, and need no start.
         training.solve_tried(lambda values: 1 / 0, currents[1:3], 51, "again", None)
         assert len(bar.solves) == before + 3
 
 
 def states_of(bar, *currents):
-    """Solved states with tangents of an eighth of the ranges of -1 to 1."""
+    """Solved states with tangents of an eighth of the ranges, which are -1 to 1."""
     known = Snapshots(bar)
     for values in map(np.array, currents):
         potential = bar.potential(values)
@@ -443,7 +443,7 @@ def states_of(bar, *currents):
 
 @pytest.mark.parametrize("most", [4, 50])
 def test_modes_are_those_of_states_and_tangents_each_state_of_the_same_energy(most):
-    """A state without currents counts by its largest tangent. By the energy operator and the singular values of all."""
+    """A state without currents counts by its largest tangent. Against the energy operator and all singular values."""
     bar = WholeBar(images=False)
     known = states_of(bar, [0.9, 0.4], [0.0, 0.0], [-0.7, 1.2])
     energy = np.array(bar.energy_operator(known.currents[0], known.state(0).potential)(np.eye(30)))
@@ -466,7 +466,7 @@ def test_modes_are_those_of_states_and_tangents_each_state_of_the_same_energy(mo
     )
     assert modes.left == pytest.approx(np.sqrt(of_each.max()), rel=1e-6, abs=1e-6)
     np.testing.assert_allclose(modes.amplitudes, known.potentials.T @ energy @ modes.basis, atol=1e-7)
-    # A tolerance between what is left with fewer and with more of them.
+    # A tolerance between the errors with fewer and with more modes.
     fewer = SolvedModes(bar, known, 3, 0.0).left
     assert SolvedModes(bar, known, most, 1.01 * fewer).basis.shape[1] == 3
     assert modes.amplitude(np.array([0.9, 0.4])) == pytest.approx(
@@ -496,7 +496,7 @@ def test_states_that_modes_lack_are_found_one_after_the_other():
 
 
 def test_errors_and_indicators_of_a_reduced_model(tmp_path):
-    """Of the model at sample points: at solved states, by the residual of one step, and of the modes by themselves."""
+    """Errors of the model at sample points: at solved states, by the residual of one step, and of the modes alone."""
     bar, domain = (
         WholeBar(images=False),
         CurrentDomain(IndependentCurrents(2), np.full(2, -1.0), np.full(2, 1.5)),

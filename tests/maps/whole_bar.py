@@ -1,4 +1,4 @@
-"""A bar of iron as a solver of whole devices: its modes are the nodes, each state is solved in a millisecond."""
+"""A bar of iron as a solver of whole devices: its nodes are modes, and each state takes a millisecond."""
 
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -22,13 +22,13 @@ FACES = 6
 
 @dataclass(frozen=True)
 class Report:
-    """Of the solver: the currents of the state."""
+    """The solver's report: the currents of the state."""
 
     currents: tuple[float, ...]
 
 
 class WholeBar:
-    """As `NonlinearSolver` to a training. Half of the bar's own energy counts as that of the air."""
+    """A stand-in for `NonlinearSolver` in a training. Half of the bar's own energy counts as energy of the air."""
 
     def __init__(self, coils=2, nodes=30, points=150, strength=5e-3, images=True):
         self.bar = bar(law_tables([Froehlich("steel", 2000.0, 2.1)]), coils, nodes, points, strength)

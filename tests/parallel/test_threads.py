@@ -20,7 +20,7 @@ def add_one(begin, end, out):
 
 @pytest.fixture
 def two_threads():
-    """Two threads, also where there is one processor."""
+    """Two threads, even with one processor."""
     switch = sys.getswitchinterval()
     sys.setswitchinterval(1e-5)
     yield 2
@@ -76,7 +76,7 @@ def test_no_more_threads_than_allowed(monkeypatch):
 
 @pytest.mark.parametrize("fails", [0, 10])
 def test_an_error_is_raised_and_the_rest_is_left(fails, two_threads):
-    """In whichever of the threads it is raised: the caller waits for one after the other."""
+    """In either thread, because the caller waits for one after the other."""
     begun, raised = [], threading.Event()
 
     def part(begin, end):
@@ -84,7 +84,7 @@ def test_an_error_is_raised_and_the_rest_is_left(fails, two_threads):
         if begin == fails:
             raised.set()
             raise ZeroDivisionError
-        # Nothing but the error itself keeps the other thread from the rest.
+        # Only the error may keep the other thread from the remaining pieces.
         raised.wait(60)
         time.sleep(0.05)
 

@@ -1,4 +1,4 @@
-"""Pieces of work in this process and in others: the same outcomes, whatever fails or dies on the way."""
+"""Pieces of work in this process and in others: the same outcomes despite failures and killed processes."""
 
 import json
 import logging
@@ -31,7 +31,7 @@ def one():
         yield workers
 
 
-# Functions are made inside functions: a worker cannot import this file, so they travel by value.
+# Functions are made inside functions, so that they are pickled by value: workers cannot import this file.
 def tricky():
     from fieldmap.errors import NotConverged, Problem
 
@@ -57,7 +57,7 @@ def test_every_item_has_its_outcome(workers, request):
     assert hard.error.residuals == (1.0, 0.5)
     assert hard.reason == "here: a; received b; c"
     assert bug.reason.startswith("TypeError: ")
-    # Where the mistake is, also from another process.
+    # The place of the mistake is kept, also from another process.
     assert "in work" in bug.error.__notes__[0]
     with pytest.raises(NotConverged):
         hard.result()
@@ -79,7 +79,7 @@ def test_other_processes_do_the_work_and_results_come_in_order(two):
 
 
 def test_other_processes_leave_ctrl_c_to_the_first(two):
-    """Each would print a traceback of its own otherwise."""
+    """Otherwise each worker would print its own traceback."""
     import signal
 
     def ignored(_):
@@ -93,7 +93,7 @@ def test_other_processes_leave_ctrl_c_to_the_first(two):
 
 def test_what_is_common_is_made_once_in_every_process_and_never_sent(two):
     def make(size):
-        # A lock cannot be pickled, as a factorisation cannot.
+        # A lock cannot be pickled, like a factorisation.
         import threading
 
         return threading.Lock(), size, object()
@@ -132,7 +132,7 @@ def test_a_killed_process_costs_only_its_piece(two, tmp_path):
     assert two.results(work, list(range(8))) == [item**2 for item in range(8)]
     begun = log.read_text().split()
     assert begun.count("3") == 2
-    # The dead one had one piece in hand, and perhaps a result that was not fetched yet.
+    # The killed process had one piece in work, and perhaps a result that had not been fetched.
     assert len(begun) <= 8 + 2
 
 
@@ -147,7 +147,7 @@ def test_a_piece_that_kills_every_process_is_an_outcome_too(two):
             os.kill(os.getpid(), signal.SIGKILL)
         return item
 
-    # The others die with it, some as often as it does.
+    # Other pieces die with it, some as often as it does.
     by_index = {outcome.index: outcome for outcome in two.map(work, range(8))}
     assert {k: outcome.value for k, outcome in by_index.items() if k != 1} == {
         k: k for k in range(8) if k != 1
@@ -259,7 +259,7 @@ def test_no_process_is_left_behind(tmp_path, how):
     script, marks = tmp_path / "script.py", tmp_path / "marks"
     script.write_text(INTERRUPTED)
     marks.mkdir()
-    # A group of its own, which is what Ctrl-C on a terminal reaches.
+    # A process group, because Ctrl-C on a terminal goes to the group.
     main = subprocess.Popen([sys.executable, script, marks], start_new_session=True, stderr=subprocess.PIPE)
     wait_until(lambda: len(list(marks.iterdir())) == 2)
     begin = time.monotonic()
@@ -282,7 +282,7 @@ def test_threads_give_outcomes_in_order_and_several_items_are_under_way():
 
     def work(offset, item):
         if item < 2:
-            # Passes only if two items are under way at the same time.
+            # Both items pass the barrier only if they are in work at the same time.
             barrier.wait()
         if item == 4:
             raise NotConverged(Problem("here", "a", "b", "c"), residuals=(1.0,))
@@ -318,7 +318,7 @@ def test_an_interruption_leaves_at_once():
 
 @contextmanager
 def scheduler_of(folder, workers):
-    """Address of a scheduler in a process of its own, the process, and a function that starts a worker of it."""
+    """Address of a scheduler in a process of its own, the process, and a function that starts a worker for it."""
     file, started = folder / "scheduler.json", []
 
     def start(*arguments):
@@ -342,8 +342,8 @@ def scheduler_of(folder, workers):
 
 
 def test_what_is_common_passes_client_and_scheduler_once(two):
-    """A megabyte in each of 200 pieces would be 600 MB; here it is read and written four times for the first worker,
-    and never again."""
+    """Sent with each of 200 pieces, a megabyte would be 600 MB of traffic; here it is read and written four times for
+    the first worker, and not again."""
     from scripts.benchmarks.traffic import counted
 
     def work(data, item):
@@ -360,7 +360,7 @@ def test_what_is_common_passes_client_and_scheduler_once(two):
 
 
 def test_pieces_wait_here_until_there_is_room(two):
-    """Ten thousand pieces, of which the first few are taken: the others were not even looked at."""
+    """Of ten thousand pieces only the first few are taken from the iterator."""
 
     class Items(list):
         looked_at = 0
@@ -373,7 +373,7 @@ def test_pieces_wait_here_until_there_is_room(two):
     outcomes = two.map(slowly(), Items(range(10_000)))
     assert {next(outcomes).error for _ in range(4)} == {None}
     outcomes.close()
-    # A tenth of a second each: 100 for each of two processes would be ten seconds' work.
+    # A piece takes 0.1 s, so 100 pieces per process are ten seconds of work.
     assert Items.looked_at <= 2 * 100 + 4
 
 
@@ -402,7 +402,7 @@ def test_a_worker_that_comes_later_takes_part_with_what_is_common(tmp_path):
         first, second = found[0].value[0], worker()
         while found[-1].value[0] == first:
             found.append(next(outcomes))
-        # All that have the data die.
+        # All workers that have the data die.
         os.kill(first, signal.SIGKILL)
         second.kill()
         third = worker()
@@ -427,7 +427,7 @@ def test_a_scheduler_without_workers_is_told_of_and_waited_for(tmp_path, monkeyp
             before = len(told)
             assert workers.results(abs, [-5]) == [5]
             time.sleep(0.5)
-            # One more may have been on its way when the worker came; none comes while there is no work or a worker.
+            # One more message may have been on its way when the worker came; with a worker or without work none comes.
             assert len(told) <= before + 1
     finally:
         log.removeHandler(handler)

@@ -1,4 +1,4 @@
-"""Iron in a background field that nothing drives, against closed forms: fields, forces, linkages, saturation."""
+"""Iron in a constant background field against closed forms: fields, forces, linkages, saturation."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def test_shipped_devices_agree_with_their_closed_forms(name):
     unit = fm.solve_linear(device)
     assert device.coil_names == ()
     assert not unit.proportional
-    # The largest value of B, and of its slopes where the file has any.
+    # The largest value of B, and of its slopes if the file has any.
     size = [
         max((abs(k.value) for k in device.references if ("/" in k.quantity) == slope), default=0.0)
         for slope in (0, 1)
@@ -155,7 +155,7 @@ def test_force_and_torque_on_a_coil_and_its_linkage():
     background = Background(FLUX, FIVE)
     state = fm.solve_linear(Device("air", "", coils=[coil], background=background)).at([2.0])
     axis = coil.placement.rotation[:, 2]
-    # Mean square of the turns' radius.
+    # Mean square of the turns' radius, times the turns.
     area = np.pi * (0.028**2 + 0.028 * 0.032 + 0.032**2) / 3 * 100.0
     place = coil.placement.position
     at_centre = background.field(place[None])[0]
@@ -163,7 +163,7 @@ def test_force_and_torque_on_a_coil_and_its_linkage():
     assert linkage == pytest.approx(area * axis @ at_centre, rel=1e-6)
     moment = 2.0 * area * axis
     assert state.force_on("1") == pytest.approx(background.tensor @ moment, rel=1e-6)
-    # About its own centre a coil in a gradient has no more torque than its moment: the field's even part has none.
+    # About its own centre a coil in a gradient has only the torque of its moment: the torque of the gradient cancels.
     assert state.torque_on("1", place) == pytest.approx(np.cross(moment, at_centre), rel=1e-6)
 
 
@@ -178,7 +178,7 @@ def test_linkage_is_the_derivative_of_the_coenergy():
 
 @pytest.mark.parametrize("flux", [[0.0, 0.0, 0.3], [0.2, 0.0, 0.1]])
 def test_images_of_states_are_states(flux):
-    """The symmetry of the iron may only be used as far as the background has it."""
+    """The symmetry of the iron counts only as far as the background has it too."""
     law = Froehlich("iron", mu_r=200.0, saturation=1.2)
     coils = CircularCoil("c", 0.004, 0.008, 0.012, 200.0).moved([0.02, 0.0, 0.0]).around("z", 2)
     plate = Body("plate", "iron", Box((0.06, 0.02, 0.004)), 4e-3).moved([0.0, 0.0, 0.01])
@@ -196,7 +196,7 @@ def test_images_of_states_are_states(flux):
 
 
 def test_error_estimate_counts_what_no_current_drives():
-    """A magnet and a piece of iron without any coil: the estimate is of their field."""
+    """A magnet and a piece of iron without a coil: the estimate is for the constant field."""
     bodies = [
         Body("magnet", "hard", Cylinder(0.01, 0.01), 8e-3),
         Body("iron", "iron", Box((0.01, 0.01, 0.01)), 8e-3).moved([0.03, 0.0, 0.0]),

@@ -1,6 +1,6 @@
 """Devices of the shape of published benchmark problems: thin plates with gaps of 0.5 mm, a pole in a box with 1 mm.
 
-Nobody knows their fields in closed form; meshes, conservation, symmetry, virtual work and reaction judge. The finer
+Their fields have no closed form; the tests are meshes, conservation, symmetry, virtual work and reaction. The finer
 meshes are in scripts/studies/benchmark_shapes.py and in docs/theory/forces.md.
 """
 
@@ -13,7 +13,7 @@ import fieldmap as fm
 from fieldmap.iron import NonlinearSolver
 
 BOX = ("box", "floor pad", "lid collar")
-# Saturated: the pole carries 1.8 T.
+# At this current the pole is saturated: 1.8 T.
 CURRENT = [3.0]
 
 
@@ -42,7 +42,7 @@ def test_action_is_reaction_across_the_gap(pole):
         torques = np.array([state.torque_on(part, [0.05, 0.0, 0.0]) for part in parts])
         assert np.abs(forces.sum(axis=0)).max() < 2e-3 * np.abs(forces).max()
         assert np.abs(torques.sum(axis=0)).max() < 2e-3 * np.abs(torques).max()
-        # Twofold symmetry of the device, of which the mesh knows nothing.
+        # The device has twofold symmetry, which the mesh does not have.
         assert np.abs(forces[0, :2]).max() < 0.02 * abs(forces[0, 2])
 
 
@@ -77,8 +77,8 @@ def test_sections_of_thin_plates_converge(plates):
 
 
 def test_flux_of_the_plate_returns_through_both_channels(plates):
-    """Half a turn about z takes the device to itself, so both channels carry the same. Together they carry what the
-    plate gives off, and what the coil drives through them without it: a third more."""
+    """Half a turn about z takes the device to itself, so both channels carry the same flux. Together they carry the
+    plate's flux and a third more, which the coil drives through them without the plate."""
     state = plates[1]
     by_name = {section.name: section for section in state.sections}
     back = by_name["channel back"]

@@ -47,7 +47,7 @@ def solved(form, material, applied):
 @pytest.mark.parametrize("applied", [0.1, 0.3, 0.6, 0.7, 0.8, 1.0, 1.5, 3.0])
 def test_sphere_from_weak_to_saturated(form, steel, applied):
     """Outside field within 0.2 % of the total. The table is sparse near 0.7 T applied (B about 2 T), where straight
-    lines and the monotone cubics differ by 0.1 % themselves."""
+    lines and monotone cubics differ by 0.1 %."""
     state, mean = solved(form, steel, applied)
     induction = exact_induction(steel, applied)
     # B = J + mu0 H and B + 2 mu0 H = 3 B0: J = 3 (B - B0) / 2, moment J R^3 / 3 in units of the dipole.
@@ -58,7 +58,7 @@ def test_sphere_from_weak_to_saturated(form, steel, applied):
 
 
 def test_polarisation_saturates(form, steel):
-    """M -> Ms: doubling a large field leaves the polarisation where the table ends."""
+    """M -> Ms: doubling a large field leaves the polarisation at the end of the table."""
     ends = steel.b[-1] - mu_0 * steel.h[-1]
     for applied in (3.0, 6.0):
         _, mean = solved(form, steel, applied)

@@ -15,7 +15,7 @@ def meshed(diameter, at):
 
 
 def test_a_bead_below_a_core():
-    """What is left out, its gradient's answer and its image in the core, is of the order (radius / distance)^2."""
+    """The response to the gradient and the image in the core are left out: of the order (radius / distance)^2."""
     coil = fm.CircularCoil("coil", 0.012, 0.02, 0.03, turns=800, placement=fm.placed([0.0, 0.0, 0.025]))
     core = fm.Body("core", "steel", fm.Cylinder(0.01, 0.04), mesh_size=5e-3, edge_size=2e-3)
     core, at = core.moved([0.0, 0.0, 0.005]), np.array([0.004, 0.0, -0.012])
@@ -37,7 +37,7 @@ SLOPE = np.array([[-2.0, 0.5, 0.3], [0.5, -2.5, 0.2], [0.3, 0.2, 4.5]])
 
 
 class Background(Field):
-    """Uniform gradient."""
+    """A field of uniform gradient."""
 
     coil_names = ()
 
@@ -53,7 +53,7 @@ class Background(Field):
 
 @pytest.mark.parametrize("size", [0.3, 0.75, 1.5])
 def test_a_bead_from_linear_to_saturated(size):
-    """Over the radius the field changes by 3, 1 and 0.6 % of itself."""
+    """Over the radius the field changes by 3, 1 and 0.6 %."""
     flux = size * np.array([0.2, 0.0, 1.0])
     background = fm.Background(flux_density=flux, gradient=[-2.0, 0.5, 0.3, -2.5, 0.2])
     bodies = (meshed(4e-3, [0.0, 0.0, 0.0]),)
@@ -65,7 +65,7 @@ def test_a_bead_from_linear_to_saturated(size):
     saturation = STEEL.largest_polarisation
     share = np.linalg.norm(body.induced_moment(Background(flux), np.zeros(3), np.zeros(0)))
     share *= 4e-7 * np.pi / (fm.SoftSphere(4e-3).volume * saturation)
-    # From the demagnetising factor's 3 b0 to the whole of the saturation.
+    # From 3 b0 of the demagnetising factor up to full saturation.
     assert share == pytest.approx(min(1.0, 3 * np.linalg.norm(flux) / saturation), rel=0.08)
 
 

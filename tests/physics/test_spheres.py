@@ -28,7 +28,7 @@ def problem_of(iron, form):
 
 
 def solved(iron, form, mu_by_body, direction=UP, tolerance=1e-8):
-    """State of the iron in a uniform field of 1 T, by either form."""
+    """State of the iron in a uniform field of 1 T."""
     laws = [LinearMaterial("iron", float(value)) for value in mu_by_body]
     return in_uniform_field(problem_of(iron, form), laws, direction, tolerance)
 
@@ -78,7 +78,7 @@ def test_sphere_inside_field(one_sphere, form, mu_r):
 
 @pytest.mark.parametrize("mu_r", [0.1, 1e-4])
 def test_weak_sphere_outside_field(one_sphere, mu_r):
-    """As accurate as iron: the small flux inside is no difference of large terms."""
+    """As accurate as iron: the small flux inside is not a difference of large terms."""
     state = solved(one_sphere, "flux", [mu_r], tolerance=1e-7)
     exact = dipole(OUTSIDE, (mu_r - 1) / (mu_r + 2) * RADIUS**3 * UP)
     assert off(state, exact) < 5e-4
@@ -159,7 +159,7 @@ def two_sphere_field(points, radius, distance, mu, terms=40):
 
 
 def between(gap):
-    """Places in the middle between the spheres, and around the lower one."""
+    """Points in the middle between the spheres and around the lower one."""
     middle = RADIUS + gap / 2
     return np.array([[0, 0, middle], [0.03, 0, middle], [0.06, 0.02, 0.0], [0, 0.03, -0.06]])
 

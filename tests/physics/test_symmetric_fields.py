@@ -1,4 +1,4 @@
-"""On a mesh with the device's symmetry, fields have it as well as the equations are solved; and they are no others."""
+"""On a symmetric mesh fields are symmetric to the accuracy of the solve, and equal to fields on other meshes."""
 
 import re
 from dataclasses import replace
@@ -29,7 +29,7 @@ def yoked(material):
 
 
 def mirrors_and_blocks(solution):
-    """The planes that were found, and how many blocks of the matrix were used, as the report says."""
+    """The mirror planes and the number of matrix blocks in the report."""
     found, used = solution.report.symmetry.split("used: ")
     return re.findall(r"\w = \d+", found), int(used.split()[0])
 
@@ -55,8 +55,8 @@ def test_linear_iron(form):
         word: fm.solve_linear(device, tolerance=1e-8, form=form, symmetry=word) for word in ("auto", "none")
     }
     currents = np.array([1.0, 0.3])
-    # Not to rounding: rules inside tetrahedra are not those of the mirror image (flux form), and a factor is
-    # regularised (potential form). Measured 2e-8 and 2e-9.
+    # The symmetry is not exact to rounding: rules inside tetrahedra differ for mirror images (flux form), and a factor
+    # is regularised (potential form). Measured 2e-8 and 2e-9.
     assert asymmetry(device, solutions["auto"].field, currents) < 1e-7
     assert asymmetry(device, solutions["none"].field, currents) > 1e-4
     ours, other = (solutions[word].field(POINTS, currents) for word in ("auto", "none"))

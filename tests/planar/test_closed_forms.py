@@ -1,4 +1,4 @@
-"""Held against image solutions, quadrature and laws that the solver does not know."""
+"""Against image solutions, quadrature and laws that the solver does not use."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ POINTS = np.array([[0.15, 0.02], [-0.12, 0.2], [0.02, -0.3], [0.3, 0.3]])
 
 
 def line_currents(points, currents):
-    """f = B_x - i B_z of line currents (place, ampere into the page)."""
+    """B_x - i B_z of line currents (place, ampere into the page)."""
     z = points[:, 0] + 1j * points[:, 1]
     return sum(1j * MU0_OVER_2PI * ampere / (z - place) for place, ampere in currents)
 
@@ -22,7 +22,7 @@ def as_complex(field):
 
 @pytest.mark.parametrize("mu_r", [1e-3, 1.5, 10.0, 4000.0, 1e6])
 def test_line_current_beside_a_cylinder_converges_to_its_images(mu_r, build, circle):
-    """Outside: the current, an image at R^2/d, and one that undoes it on the axis. Inside: one stronger current."""
+    """Outside: the current, its image at R^2/d, and the opposite image on the axis. Inside: one stronger current."""
     radius, d, ampere = 0.1, 0.16, 100.0
     k = (mu_r - 1) / (mu_r + 1)
     inside = np.array([[0.03, 0.02], [-0.05, 0.0], [0.0, -0.06]])
@@ -41,7 +41,7 @@ def test_line_current_beside_a_cylinder_converges_to_its_images(mu_r, build, cir
 
 
 def box_images(points, place, width, height, ampere, rings):
-    """Direct sum of a current's images in the walls of a box [0, width] x [0, height]: the sign turns at each wall."""
+    """Direct sum over a current's images in the walls of a box [0, width] x [0, height]; a wall reverses the sign."""
     total = 0
     for m in range(-rings, rings + 1):
         for n in range(-rings, rings + 1):
@@ -96,7 +96,7 @@ def test_rectangular_conductor_is_that_of_quadrature(build):
 
 
 def test_round_and_rectangular_conductors_magnetise_alike_from_afar(build, rectangle):
-    """Of equal second moments the two sections have the same field up to fourth order in their size."""
+    """Two sections of equal second moments have the same field up to fourth order in their size."""
     side = 0.012
     radius = side / np.sqrt(3.0)
     fields = [
@@ -115,7 +115,7 @@ def test_without_contrast_iron_is_not_there(build, rectangle):
 
 
 def test_one_polygon_or_two_that_touch(build, rectangle):
-    """An L of one piece, and of two whose common edge ends in the middle of an edge."""
+    """An L as one polygon, and as two whose common edge ends in the middle of an edge."""
     ell = np.array([[0, 0], [0.3, 0], [0.3, 0.1], [0.1, 0.1], [0.1, 0.3], [0, 0.3]])
     wires = [([[0.2, 0.2]], [[-0.1, 0.1]])]
     one = solve_planar(build({"ell": ell}, wires, 4000.0), size=0.01)
@@ -127,7 +127,7 @@ def test_one_polygon_or_two_that_touch(build, rectangle):
 
 
 def test_both_continuity_conditions_across_the_iron_s_face(build, rectangle):
-    """Normal B and tangential H pass the lower face of a bar unchanged."""
+    """Normal B and tangential H are continuous at the lower face of a bar."""
     mu_r, step = 20.0, 1e-6
     unit = solve_planar(build({"bar": rectangle(-0.1, 0, 0.1, 0.05)}, [([[0.03, 0.1]], [])], mu_r), size=4e-3)
     x = np.linspace(-0.06, 0.06, 7)
@@ -187,13 +187,13 @@ def test_no_flux_passes_the_walls(build, rectangle):
     for size in (1e-2, 5e-3, 2.5e-3):
         field = solve_planar(device, size).field(np.column_stack([x, np.full(7, -0.2 + 1e-6)]), [1.0])
         through.append(np.abs(field[:, 1]).max() / np.abs(field[:, 0]).max())
-    # The places are ends of panels, where the linear potential's slope is off by one order.
+    # The points are at ends of panels, where the slope of the linear potential has one order less.
     assert through[-1] < 2.5e-2
     assert np.all(np.log2(np.divide(through[:-1], through[1:])) > 0.9)
 
 
 def half_ring(count, inner, outer, side):
-    """Half of a regular ring, x of this sign; `count` edges on each arc, areas those of circles."""
+    """Half of a regular ring on one side in x; `count` edges on each arc, with the areas of circles."""
     t = np.pi / count
     scale = np.sqrt(t / np.sin(t))
     angle = np.linspace(0, np.pi, count + 1) - np.pi / 2 + (0 if side > 0 else np.pi)
@@ -202,7 +202,7 @@ def half_ring(count, inner, outer, side):
 
 
 def test_a_closed_shell_of_two_halves_shields_as_its_series_says(build):
-    """Uniform field in a cylindrical shell: 4 mu / ((mu + 1)^2 - (a/b)^2 (mu - 1)^2) of that outside."""
+    """In a cylindrical shell a uniform field is reduced by 4 mu / ((mu + 1)^2 - (a/b)^2 (mu - 1)^2)."""
     inner, outer, mu_r, far = 0.08, 0.1, 200.0, 50.0
     expected = 4 * mu_r / ((mu_r + 1) ** 2 - (inner / outer) ** 2 * (mu_r - 1) ** 2)
     points = np.array([[0.0, 0.0], [0.03, 0.04], [-0.05, 0.01]])
@@ -218,7 +218,7 @@ def test_a_closed_shell_of_two_halves_shields_as_its_series_says(build):
 
 
 def test_conductors_may_touch_the_iron(build, rectangle):
-    """Flush with its face or a hair above: the same field."""
+    """Touching the face or just above it: the same field."""
     for wire in (RectangularWire(0.03, 0.02), RoundWire(0.01)):
         fields = [
             solve_planar(

@@ -1,4 +1,4 @@
-"""The planar drive unit: converged, and where its equilibria lie."""
+"""The planar drive unit: convergence, and the positions of its equilibria."""
 
 from dataclasses import replace
 
@@ -38,7 +38,7 @@ def test_doubling_the_elements_moves_little_and_ever_less():
 
 
 def test_positions_and_gradients_of_finite_elements(unit):
-    """Independent finite elements in the same box, their last digit: 41.6, 50.0, 61.0, 17.4, 6.0, -0.7 mm."""
+    """Independent finite elements in the same box give 41.6, 50.0, 61.0, 17.4, 6.0, -0.7 mm, to the last digit."""
     positions, gradients = numbers(unit)
     np.testing.assert_allclose(1e3 * positions, [41.6, 50.0, 61.0, 17.4, 6.0, -0.7], rtol=0, atol=0.25)
     assert gradients[0] == pytest.approx(2.05e-3, rel=0.01)

@@ -38,7 +38,7 @@ EDITS = [
     ("mu_r = 4000.0", "mu_r = 0", "material.iron.mu_r", "0"),
     ("wire_diameter_mm = 18.0", "wire_diameter_mm = 18.0\nturns = 5", "coil.left.turns", "turns"),
 ]
-# What is changed, and what is named: each conductor that cuts iron, or the body that reaches the walls.
+# Change and expected messages: each conductor that cuts iron, or the body that touches the walls.
 MISFITS = [
     ("wire_diameter_mm = 18.0", "wire_diameter_mm = 19.0", ["coil left"] * 10),
     ("lower_mm = [-250, -250]", "lower_mm = [-150, -250]", ["body iron", *["coil left"] * 5]),

@@ -1,4 +1,4 @@
-"""Saturating iron in the plane: a closed form, the linear model, energy against force, and Newton's convergence."""
+"""Saturating iron in the plane: a closed form, the linear model, forces from energy, and Newton's convergence."""
 
 from dataclasses import replace
 
@@ -20,14 +20,14 @@ POINTS = np.array([[0.2, 0.05], [0.0, -0.15], [-0.1, 0.12]])
 
 
 def in_uniform_field(build, circle, law, applied, count):
-    """A cylinder between far opposite currents that apply this flux density (T), along -x, at its middle."""
+    """A cylinder between distant opposite currents that apply this flux density (T), along -x, at its centre."""
     far = 100.0
     device = build({"rod": circle(count, 0.1)}, [([[0.0, far]], [[0.0, -far]])], materials={"iron": law})
     return device, [applied * far / (2 * MU0_OVER_2PI)]
 
 
 def strength_inside(law, applied):
-    """mu0 H in a cylinder, T: b(h) + h = 2 h0."""
+    """mu0 H inside a cylinder, T, from b(h) + h = 2 h0."""
     tables, first = law_tables([law]), np.zeros(1, dtype=np.int64)
     return brentq(
         lambda h: tables.flux_density(np.array([h]), first)[0][0] + h - 2 * applied,
@@ -42,13 +42,13 @@ def strength_inside(law, applied):
 )
 @pytest.mark.parametrize("applied", [0.05, 1.0, 3.0])
 def test_cylinder_in_a_uniform_field(law, applied, build, circle):
-    """b and h inside are uniform with b + h = 2 h0 (demagnetising factor 1/2); outside, a dipole of the excess."""
+    """b and h inside are uniform with b + h = 2 h0 (demagnetising factor 1/2); outside is the dipole field of b - h."""
     h = strength_inside(law, applied)
     b = 2 * applied - h
     device, currents = in_uniform_field(build, circle, law, applied, 64)
     state = solve_planar_state(device, currents, size=0.02)
     middles, inside = state.iron_flux_density("rod")
-    inside = inside[np.hypot(*middles.T) < 0.08]  # the polygon's corners are felt beyond
+    inside = inside[np.hypot(*middles.T) < 0.08]  # beyond, the polygon's corners have an effect
     np.testing.assert_allclose(inside, np.broadcast_to([-b, 0.0], inside.shape), atol=4e-3 * b)
     zeta = POINTS[:, 0] + 1j * POINTS[:, 1]
     dipole = -0.5 * (b - h) * 0.1**2 / zeta**2

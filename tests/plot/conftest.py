@@ -1,4 +1,4 @@
-"""Fields of which everything is known in closed form."""
+"""Fields in closed form."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ needs_opengl = pytest.mark.skipif(not can_render(), reason="no OpenGL on this ma
 
 
 def harmonic(points, a, b, c):
-    """On the axis Bz = a + b z + c z^2 / 2: B (..., 3) and its gradient (..., 3, 3), round the axis."""
+    """Axisymmetric, on the axis Bz = a + b z + c z^2 / 2: B (..., 3) and its gradient (..., 3, 3)."""
     x, y, z = np.moveaxis(np.asarray(points, dtype=float), -1, 0)
     radial, zero = -0.5 * (b + c * z), 0.0 * x
     field = np.stack([radial * x, radial * y, a + b * z + 0.5 * c * (z**2 - 0.5 * (x**2 + y**2))], axis=-1)
@@ -27,7 +27,7 @@ def harmonic(points, a, b, c):
 
 
 class Harmonic(Field):
-    """A field of one coil: `harmonic` per ampere."""
+    """A field of one coil, `harmonic` per ampere."""
 
     coil_names = ("coil",)
 
@@ -46,15 +46,15 @@ class Harmonic(Field):
 
 
 def pixels_of(path):
-    """Red, green and blue (height, width, 3) of a picture, from 0 to 255."""
+    """Red, green and blue (height, width, 3) of a picture, 0 to 255."""
     with Image.open(path) as picture:
         return np.asarray(picture.convert("RGB")).astype(int)
 
 
 @pytest.fixture(scope="session")
 def harmonic_map():
-    """harmonic_map(NAME=(a, b, c, at)): an opened map of `harmonic` fields per ampere round axes at (x, y); with lower
-    (3,), m, of its box of 40 mm, reference (n,), A, and a constant field of the same form."""
+    """harmonic_map(NAME=(a, b, c, at)): an opened map of `harmonic` fields per ampere about axes at (x, y); `lower`
+    (3,), m, of its box of 40 mm, `reference` (n,), A, and a `constant` field of the same form."""
 
     def make(lower=(-0.02, -0.02, -0.02), reference=None, constant=None, **coils):
         grid = Grid(list(lower), [0.01] * 3, (5, 5, 5))
@@ -71,7 +71,7 @@ def harmonic_map():
 
 @pytest.fixture
 def rig(valid_text):
-    """rig(mass_g, moment_A_m2): text of a device with one coil and this payload, or without one."""
+    """rig(mass_g, moment_A_m2): text of a device with one coil, and this payload if given."""
     coil = valid_text[valid_text.index("[[coil]]") :]
     coil = coil[: coil.index("[[coil]]", 1)]
 
@@ -84,9 +84,9 @@ def rig(valid_text):
 
 
 class Crooked(Field):
-    """Two coils of which each makes an affine field of its own, per ampere: B = slope x + flux, in a box off the axis.
+    """Two coils, each with its own affine field per ampere, B = slope x + flux, in a box off the axis.
 
-    Nothing is symmetric: no two components, sides or middles are the same.
+    There is no symmetry: all components, sides and middles differ.
     """
 
     coil_names, proportional = ("ring", "frame"), True
@@ -113,7 +113,7 @@ class Crooked(Field):
 
 
 def crooked_device(**other):
-    """A ring and a lying frame, a bar and a ball, a workspace and a magnet, none in the middle of another."""
+    """A ring and an upright frame, a bar and a ball, a workspace and a magnet, all with different centres."""
     return fm.Device(
         "crooked",
         "A crooked machine",

@@ -1,4 +1,4 @@
-"""What stands in a scene, read back from its actors: solids, words, labels at places, colour bars, and the camera."""
+"""The content of a scene, read from its actors: solids, texts, labels at places, colour bars, and the camera."""
 
 from types import SimpleNamespace
 
@@ -8,7 +8,7 @@ from matplotlib.colors import to_hex
 
 
 def solids_of(scene, colour=None):
-    """Actors with a mapper in the order in which they were added; of one colour, if given."""
+    """Actors with a mapper, in the order in which they were added; of one colour if given."""
     wanted = None if colour is None else np.array(pv.Color(colour).float_rgb)
     return [
         actor
@@ -19,20 +19,20 @@ def solids_of(scene, colour=None):
 
 
 def data_of(actor):
-    """What an actor draws, where it stands."""
+    """The data of an actor at its position in the scene."""
     actor.mapper.Update()
     data = pv.wrap(actor.mapper.GetInput())
     return data.copy().transform(pv.array_from_vtkmatrix(actor.GetMatrix()), inplace=False)
 
 
 def bounds_of(*actors):
-    """Lower and upper ends (3, 2) of all that is drawn."""
+    """Lower and upper ends (3, 2) of all actors."""
     ends = np.array([np.reshape(actor.bounds, (3, 2)) for actor in actors])
     return np.column_stack([ends[..., 0].min(axis=0), ends[..., 1].max(axis=0)])
 
 
 def labels_of(scene):
-    """Words at places: .words, .place (3,), .size, .ink, .across, .up."""
+    """Labels at places: .words, .place (3,), .size, .ink, .across, .up."""
     found = []
     for actor in scene.actors.values():
         source = getattr(getattr(actor, "GetMapper", lambda: None)(), "GetInputAlgorithm", lambda: None)()
@@ -48,12 +48,12 @@ def labels_of(scene):
 
 
 def words_of(scene):
-    """Lines of words on the picture: .words, .place, shares of width and height, .size, .ink, .up, .spacing."""
+    """Texts on the picture: .words, .place (shares of width and height), .size, .ink, .up, .spacing."""
     return [
         SimpleNamespace(
             words=actor.input,
             place=tuple(actor.position),
-            # pyvista doubles it.
+            # pyvista doubles the size.
             size=actor.prop.font_size / 2,
             ink=to_hex(actor.prop.color.float_rgb),
             up=actor.prop.GetVerticalJustificationAsString(),
@@ -65,7 +65,7 @@ def words_of(scene):
 
 
 def bars_of(scene):
-    """Colour bars: .title, .range, .labels, .fmt, .box (left, bottom, width, height, as shares), .sizes of letters."""
+    """Colour bars: .title, .range, .labels, .fmt, .box (left, bottom, width, height, as shares), .sizes of fonts."""
     return [
         SimpleNamespace(
             title=bar.GetTitle().strip(),
@@ -83,7 +83,7 @@ def bars_of(scene):
 
 
 def seen(scene, places, size=None):
-    """Where places (n, 3) appear: (n, 2) from -1 to 1 across and up the panel of a parallel projection."""
+    """Places (n, 3) in a parallel projection: (n, 2), across and up the panel, from -1 to 1."""
     camera, (width, height) = scene.camera, size or scene.window_size
     assert camera.parallel_projection
     forward = np.subtract(camera.focal_point, camera.position)
@@ -104,8 +104,8 @@ def filled(scene, bounds, size=None):
 
 
 def check_legible(scene, smallest=9.0, largest=32.0):
-    """What every picture needs: light that shows shape, lines that are thin, words of a size to be read, in their
-    places, and a colour bar beside the scene with labels at its ends."""
+    """Checks for every picture: shading, thin lines, legible texts in their places, and a colour bar beside the scene
+    with labels at its ends."""
     for actor in solids_of(scene):
         look = actor.prop
         assert 0.0 < look.opacity <= 1.0
@@ -133,7 +133,7 @@ def check_legible(scene, smallest=9.0, largest=32.0):
         assert height >= 0.3
         assert 0.03 <= width <= 0.1
         assert bar.upright
-        # Off the highest label.
+        # A title of one line does not touch the highest label.
         assert bar.lines == 1
         title, labels = bar.sizes
         assert smallest <= labels <= title <= largest

@@ -1,4 +1,4 @@
-"""Every kind of arrow has its ends where its vector has them and a slender shape; planes lie where a box has them."""
+"""Every kind of arrow is slender and ends where its vector ends; planes are where the box has them."""
 
 import numpy as np
 import pytest
@@ -13,13 +13,13 @@ from tests.plot.conftest import needs_opengl
 from tests.plot.test_scenes import three_ways
 
 ALONG = np.array([0.6, 0.0, 0.8])
-# No two of these numbers are the same, nor are their middles.
+# All these numbers and their midpoints differ.
 LOWER, UPPER = np.array([-0.01, 0.02, -0.07]), np.array([0.03, 0.08, -0.03])
 
 
 def measured(points, start, end):
-    """Where points lie between the ends of an arrow (0 to 1), least and largest, and their largest distance from its
-    line, as a share of its length."""
+    """Least and largest position of points along an arrow (0 to 1), and their largest distance from its line relative
+    to its length."""
     way = np.subtract(end, start)
     off = np.asarray(points, float) - start
     share = off @ way / (way @ way)
@@ -37,7 +37,7 @@ def slender(points, start, end, widest=0.25):
 
 
 class Recorder:
-    """A plotter that keeps what is added."""
+    """A plotter that records its calls."""
 
     def __init__(self):
         self.meshes, self.labels = [], []
@@ -53,7 +53,7 @@ class Recorder:
 
 
 def test_arrows_of_coils_end_at_their_forces():
-    """All of one thickness, however long; names stand off their tips by a tenth."""
+    """All have one thickness at any length; names are a tenth beyond the tips."""
     found, scene = three_ways(), Recorder()
     size = float(np.ptp(1e3 * found.vertices, axis=0).max())
     forces._add_coils(scene, found, np.full(3, 1e3), size)
@@ -89,7 +89,7 @@ def test_the_arrow_of_the_payload_stands_on_it_and_is_as_long():
 
 
 def test_the_arrow_of_a_current_has_a_tip_wider_than_its_shaft():
-    """The tip is a cone at the end of the path, within a tenth or two of the winding's height."""
+    """The tip is a cone at the end of the path, 0.1 to 0.2 of the winding's height."""
     for coil in fieldmap.read_device("drive_unit").coils[:2]:
         height, arrow = 1e3 * coil.height, current_arrow(coil)
         middle = 1e3 * coil.placement.position[2]
@@ -131,12 +131,12 @@ def test_points_of_a_plane_are_middles_of_its_cells(normal, axes, middle):
         for axis, n, column in zip(axes, (4, 2), points[:, axes].T, strict=True):
             shares = (np.unique(column.round(12)) - LOWER[axis]) / (UPPER - LOWER)[axis]
             np.testing.assert_allclose(shares, (np.arange(n) + 0.5) / n, atol=1e-9)
-        # The first axis is the slowest.
+        # The first axis varies slowest.
         assert (np.diff(points[:, axes[0]]) >= 0.0).all()
 
 
 def test_a_grid_fills_its_box_and_its_points_lie_a_hair_inside():
-    """One point along an axis lies at the lower end; a map refuses what rounding puts outside."""
+    """One point along an axis is at the lower end; a map would refuse points that rounding puts outside."""
     assert [plane.dimensions for plane in plane_grids((LOWER, UPPER))] == [
         (1, 61, 61),
         (61, 1, 61),
@@ -155,7 +155,7 @@ def test_a_grid_fills_its_box_and_its_points_lie_a_hair_inside():
 
 
 def test_numbers_of_rulers_stand_at_their_places_and_titles_beside_the_middle(monkeypatch):
-    """A number belongs to its coordinate; titles of x and y at the middle of a side, that of z above its end."""
+    """Each number is at its coordinate; titles of x and y at the middle of a side, the title of z above its end."""
     sides, scene = 1e3 * np.column_stack([LOWER, UPPER]), Recorder()
     monkeypatch.setattr(scales, "extent", lambda _: sides)
     scales.add_rulers(scene)
@@ -164,7 +164,7 @@ def test_numbers_of_rulers_stand_at_their_places_and_titles_beside_the_middle(mo
     middle, size = sides.mean(axis=1), np.ptp(sides, axis=1).max()
     assert (x[0], y[1]) == pytest.approx((middle[0], middle[1]), abs=0.2 * size)
     assert sides[2, 1] < z[2] < sides[2, 1] + 0.2 * size
-    # Below the lower front edge, below and right of the lower right one, left of the left front one.
+    # Below the lower front edge, below and right of the lower right edge, left of the left front edge.
     assert x[2] < sides[2, 0]
     assert y[2] < sides[2, 0]
     assert y[0] > sides[0, 1]
@@ -185,8 +185,8 @@ def test_numbers_of_rulers_stand_at_their_places_and_titles_beside_the_middle(mo
 
 @needs_opengl
 def test_words_and_tubes_of_sliders_keep_apart(harmonic_map):
-    """Heights are shares of the window's: a title above the tube and a number below it, within the distance to the next
-    slider, and large enough to be read."""
+    """Heights are shares of the window's height: the title above the tube and the number below it fit within the
+    distance to the next slider, and are legible."""
     field_map = harmonic_map(left=(0.0, 0.04, 1.0, (0.0, 0.0)), right=(0.0, 0.02, 0.5, (0.0, 0.0)))
     payload = fieldmap.read_device("drive_unit").payload
     window = live_window.LiveWindow(field_map, payload, 5.0, off_screen=True, window=(420, 300))

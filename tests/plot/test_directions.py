@@ -1,4 +1,4 @@
-"""Every arrow of every picture points where it should: vectors of three different components, against literals."""
+"""Every arrow of every picture has the right direction: vectors of three different components, against literals."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -18,12 +18,12 @@ from fieldmap.plot.live_window import _along
 from fieldmap.plot.picture import _add_net_force
 from fieldmap.plot.shown import Shown
 
-# Of B = SLOPE x + (0.1, 0.2, -0.3) T per ampere; harmonic, so that forces are the same by rows and columns.
+# B = SLOPE x + (0.1, 0.2, -0.3) T per ampere. SLOPE is symmetric, so rows and columns give the same forces.
 SLOPE = np.array([[1.0, 0.5, 0.4], [0.5, -3.0, -0.2], [0.4, -0.2, 2.0]])
 FLUX = np.array([0.1, 0.2, -0.3])
 LOWER, UPPER = np.array([-0.01, -0.02, -0.05]), np.array([0.01, 0.02, -0.02])
 PAYLOAD = fm.Payload(mass=0.01, moment=0.3, magnet=fm.MagnetCylinder(0.004, 0.01, 1.2))
-# m dBz/dx_j, m = 0.3 A m^2 upward.
+# m dBz/dx_j with m = 0.3 A m^2 upward.
 FORCE = 0.3 * np.array([0.4, -0.2, 2.0])
 NET = FORCE - [0.0, 0.0, 0.01 * GRAVITY]
 ARROW = pv.Arrow(start=(-0.5, 0.0, 0.0), tip_length=0.4, tip_radius=0.15, shaft_radius=0.05)
@@ -48,7 +48,7 @@ def along(vectors):
 
 
 def drawn_vectors(mesh):
-    """From the middle of each of the arrows in a mesh to its tip, mm: (n, 3)."""
+    """Vectors (n, 3), mm, from tail to tip of each arrow in a mesh."""
     arrows = np.asarray(mesh.points, float).reshape(-1, ARROW.n_points, 3)
     tails = arrows[:, np.asarray(ARROW.points[:, 0]) <= -0.5 + 1e-6].mean(axis=1)
     return arrows[:, TIP] - tails
@@ -62,7 +62,7 @@ def scene():
 
 
 def meshes(scene):
-    """What is drawn, in the order in which it was added."""
+    """The meshes of a scene, in the order in which they were added."""
     mappers = [actor.mapper for actor in scene.actors.values() if isinstance(actor, pv.Actor)]
     for mapper in mappers:
         mapper.Update()
@@ -70,7 +70,7 @@ def meshes(scene):
 
 
 def arrows_in(scene):
-    """The vectors of the mesh of many arrows in a scene, which is the largest."""
+    """The vectors of the largest mesh of a scene, which has many arrows."""
     return drawn_vectors(max(meshes(scene), key=lambda mesh: mesh.n_points))
 
 
@@ -128,17 +128,37 @@ def test_net_force_in_a_slice(normal, across):
 
 @pytest.mark.parametrize(("direction", "sign"), [("up", 1.0), ("down", -1.0)])
 def test_moment_of_the_payload(scene, direction, sign):
-    """From the face of the magnet towards which it points; the magnet is 10 mm high."""
+    """From the face of the magnet in the moment's direction; the magnet is 10 mm high."""
     add_payload(scene, replace(PAYLOAD, direction=direction), np.array([1.0, 2.0, -30.0]))
     arrow = meshes(scene)[-1]
     np.testing.assert_allclose(np.sort(sign * (np.array(arrow.bounds[4:]) + 30.0)), [5.0, 15.0], atol=1e-4)
-    # The cone is the widest part, and lies beyond the shaft.
+    # The cone is the widest part, and is beyond the shaft.
     away = np.hypot(arrow.points[:, 0] - 1.0, arrow.points[:, 1] - 2.0)
     assert sign * (arrow.points[np.argmax(away), 2] + 30.0) > 11.0
 
 
+def test_moments_of_pieces(scene):
+    """Of each magnet, from its own place along its own axis; soft iron has none of its own."""
+    turned = fm.PayloadPiece(
+        fm.MagnetCylinder(0.002, 0.004, 1.2), fm.placed([0.003, -0.001, 0.002], [50.0, 30.0, 40.0])
+    )
+    along = np.asarray(turned.placement.rotation)[:, 2]
+    assert np.abs(along).min() > 0.1
+    soft = fm.PayloadPiece(fm.SoftSphere(0.002, mu_r=100.0), fm.placed([-0.004, 0.0, 0.0]))
+    upright = fm.PayloadPiece(fm.MagnetBlock((0.001, 0.006, 0.002), 1.2), fm.placed([0.0, 0.006, 0.0]))
+    add_payload(scene, fm.Payload(1e-3, pieces=[turned, soft, upright]), np.array([1.0, 2.0, -30.0]))
+    pointing = [mesh for mesh in meshes(scene) if mesh.n_points == pv.Arrow().n_points]
+    expected = [([4.0, 1.0, -28.0], along, 2.0, 6.0), ([1.0, 8.0, -30.0], [0.0, 0.0, 1.0], 1.0, 7.0)]
+    assert len(pointing) == len(expected)
+    for arrow, (centre, way, first, last) in zip(pointing, expected, strict=True):
+        ahead = (np.asarray(arrow.points, float) - centre) @ way
+        np.testing.assert_allclose([ahead.min(), ahead.max()], [first, last], atol=1e-4)
+        tip = arrow.points[np.argmax(ahead)]
+        np.testing.assert_allclose(tip, centre + last * np.asarray(way), atol=1e-4)
+
+
 def test_what_each_coil_makes(scene):
-    """From what there is without currents, at its upper limit, along what it makes."""
+    """From the constant force to the force at the coil's upper limit."""
     start, makes = np.array([1.0, 2.0, 3.0]), np.array([[0.5, -1.0, 2.0]])
     found = SimpleNamespace(
         constant=start, coil_names=("one",), per_ampere=makes, upper=np.array([2.0]), lower=np.array([-1.0])

@@ -1,4 +1,4 @@
-"""Figures of rows: what is drawn is what was given, and what is marked lies where the numbers say."""
+"""Figures of rows: the drawn lines are the given ones, and marks are where the numbers say."""
 
 from dataclasses import replace
 
@@ -61,13 +61,13 @@ def test_lines_are_named_at_their_ends():
     low, high = axes.get_ylim()
     assert at["30 mm"].xy[1] == pytest.approx((3.0 - low) / (high - low), abs=1e-9)
     assert at["30 mm"].get_color() == axes.lines[3].get_color()
-    # What is left for a legend: the styles of lines, and marks that no line names.
+    # Left for the legend: line styles, and marks without a line of their name.
     assert words_of(axes) == ["ours", "published", "20 mm (measured)"]
 
 
 @pytest.mark.parametrize("together", [0.0, 1e-5])
 def test_names_of_lines_that_end_together_are_legible(legible, together):
-    """Below a message of two lines; two of them coincide, whose name has two lines as well."""
+    """Below a message of two lines; two lines coincide, so their common name has two lines as well."""
     names = {"one": 0.0, "two": together, "three": 0.04, "four": 0.08}
     ends = [Series(name, X, X + up) for name, up in names.items()]
     message = "a message that is so long that it takes two lines above the figure, or nearly so"
@@ -75,12 +75,12 @@ def test_names_of_lines_that_end_together_are_legible(legible, together):
 
 
 def named_at_ends(axes):
-    """The texts beside the right side of the axes."""
+    """The texts to the right of the axes."""
     return [text for text in axes.texts if text.xycoords == "axes fraction" and text.xy[0] == 1]
 
 
 def falling(count, end=1.0, names="line {}"):
-    """Lines from one point to heights 0, 1, 2 ... at x = end, of which the first ends at 1."""
+    """Lines from one point to heights 0, 1, 2 ... at x = 1; the first ends at x = `end`."""
     x = np.linspace(0.0, 1.0, 9)
     lines = [Series(names.format(k), x * (end if k else 1.0), k * x) for k in range(count)]
     return Curves("title", "x (mm)", "B (mT)", tuple(lines))
@@ -91,12 +91,12 @@ def falling(count, end=1.0, names="line {}"):
     [
         (falling(2), True),
         (falling(5), True),
-        # More colours than the eye keeps apart; one line; a longer name than the room beside the axes.
+        # Too many colours; a single line; a name longer than the space beside the axes.
         (falling(6), False),
         (falling(1), False),
         (falling(2, names="{}" + 25 * "n"), True),
         (falling(2, names="{}" + 26 * "n"), False),
-        # 12 % of the width, which is 5 % wider than the lines on either side.
+        # Ends may differ by 12 % of the width, which is 5 % wider than the lines on both sides.
         (falling(2, end=1.1 * 0.885 - 0.05), True),
         (falling(2, end=1.1 * 0.875 - 0.05), False),
         (replace(falling(2), equal=True), False),
@@ -114,7 +114,7 @@ def test_where_lines_are_named(curves, named):
 
 
 def test_names_stand_at_the_ends_of_their_lines_a_line_apart():
-    """The end is the known point farthest to the right, in whatever order and with whatever gaps."""
+    """The end is the rightmost known point, for any order of points and any gaps."""
     backwards = Series("backwards", np.array([1.0, 0.5, 0.0]), np.array([3.0, 1.0, 1.0]))
     open_end = Series("open", np.array([0.0, 0.95, 1.0]), np.array([0.0, 1.0, np.nan]))
     close = Series("close", np.array([0.0, 1.0]), np.array([0.0, 1.0]))
@@ -130,7 +130,7 @@ def test_names_stand_at_the_ends_of_their_lines_a_line_apart():
     for text in (one, two, three):
         assert (text.get_va(), text.get_size()) == ("center", 8)
         assert 0.0 < text.get_window_extent().x0 - axes.bbox.x1 < 15.0
-    # Names of two lines stand twice as far from others.
+    # Names of two lines are twice as far from other names.
     same = replace(close, name="again")
     axes = curves_figure(Curves("t", "x (mm)", "B (mT)", (open_end, close, same))).axes[0]
     heights = [text.xy[1] for text in named_at_ends(axes)]
@@ -151,7 +151,7 @@ def test_what_is_not_ours_lies_on_top_and_marks_above_all():
     widths = [line.get_linewidth() for line in (asked, ours, published, measured)]
     assert 0.5 < widths[0] < widths[1] < widths[2] == widths[3] < 3.0
     assert [dot.get_marker() for dot in dots] == ["o", "s", "x", "."]
-    # What is published is hollow and larger, so that ours shows through.
+    # Published marks are hollow and larger, so that ours are visible inside.
     sizes = [dot.get_markersize() for dot in dots]
     assert 5.0 < sizes[0] == sizes[3] < sizes[2] < sizes[1] < 10.0
     assert dots[1].get_markerfacecolor() == "none"
@@ -164,14 +164,14 @@ def test_what_is_not_ours_lies_on_top_and_marks_above_all():
     [(20, 0.0099, True), (19, 0.0099, True), (18, 0.0099, False), (20, 0.0101, False)],
 )
 def test_a_line_is_covered_by_one_that_is_mostly_nearer_than_a_hundredth(near, apart, covered):
-    """Of the height of all that is drawn, 2 mT here, over more than nine tenths of the points."""
+    """Relative to the height of the figure, here 2 mT, over more than nine tenths of the points."""
     x = np.linspace(0.0, 1.0, 20)
     away = np.where(np.arange(20) < near, 2.0 * apart, 0.5)
     frame = Series("frame", np.array([0.0, 1.0]), np.array([-1.0, 1.0]))
     lines = (Series("below", x, 0 * x), Series("above", x, away), frame)
     for curves, dashed in (
         (Curves("t", "x", "y", lines), covered),
-        # One of the same name, marks, and one over other places cover nothing.
+        # A line of the same name, marks, and a line over other places cover nothing.
         (Curves("t", "x", "y", (replace(lines[0], name="above"), *lines[1:])), False),
         (Curves("t", "x", "y", (replace(lines[0], points=True), *lines[1:])), False),
         (Curves("t", "x", "y", (replace(lines[0], x=x + 2.0), *lines[1:])), False),
@@ -186,12 +186,12 @@ def test_a_line_is_covered_by_one_that_is_mostly_nearer_than_a_hundredth(near, a
 
 @pytest.mark.parametrize(("apart", "same"), [(0.0, True), (0.0009, True), (0.0011, False)])
 def test_lines_within_a_thousandth_are_said_to_be_the_same(apart, same):
-    """Of the height of 3 mT, at their farthest; what is not known does not count."""
+    """Largest difference relative to the height, 3 mT; unknown values do not count."""
     away = np.array([0.0, 3.0 * apart, np.nan])
     frame = Series("frame", np.array([0.0, 2.0]), np.array([0.0, 3.0]))
     curves = Curves("t", "x", "y", (Series("one", X, X), Series("other", X, X + away), frame))
     named = [text.get_text() for text in named_at_ends(drawn(curves))]
-    # The other one ends in the middle, where no name fits.
+    # The other line ends in the middle of the axes, where names are not placed.
     assert named == (["one, other:\nthe same", "frame"] if same else [])
     legend = drawn(
         replace(curves, series=(*curves.series, Series("a name that is far too long for the end", X, 0 * X)))
@@ -204,18 +204,18 @@ def test_a_legend_says_whose_a_line_is_where_there_are_several_kinds():
     theirs = Series("a", X, X + 1, "published")
     own_words = Series("measured on a rig", X, X + 2, "measured", points=True)
     for series, words in (
-        # What is asked for is no kind; one kind needs no word, and a name that has it needs no second.
+        # References are no kind; a single kind needs no word, and a name that contains the kind needs no second.
         ((ours, asked, replace(ours, name="b", y=2 * X)), ["a", "asked for", "b"]),
         (
             (ours, theirs, own_words, asked),
             ["a (ours)", "a (published)", "measured on a rig", "asked for"],
         ),
-        # Each name and kind once.
+        # Each pair of name and kind once.
         ((ours, replace(ours, y=3 * X), theirs), ["a (ours)", "a (published)"]),
     ):
         axes = drawn(Curves("t", "x", "y", (*series, Series("z" * 30, X[:2], X[:2]))))
         assert words_of(axes)[:-1] == words
-    # Beside names at the ends stand styles and marks; marks of ours at a line of their name need no word.
+    # With names at the ends, the legend has styles and marks; our marks on a line of their name need no entry.
     marks, other = replace(ours, y=X, points=True), replace(ours, name="b", y=2 * X)
     assert words_of(drawn(Curves("t", "x", "y", (ours, other, marks, theirs)))) == ["ours", "published"]
     assert words_of(drawn(Curves("t", "x", "y", (ours, other, marks)))) == []
@@ -224,7 +224,7 @@ def test_a_legend_says_whose_a_line_is_where_there_are_several_kinds():
 
 
 def test_a_legend_stands_where_there_is_room():
-    """Inside with few entries that hide nothing, beside the axes with many, below where names stand beside them."""
+    """Inside with few entries that hide nothing, beside the axes with many, below the axes if names are beside them."""
     x = np.linspace(0.0, 1.0, 5)
     short = [Series(f"line {k}", (0.5 if k else 1.0) * x, (k + 1) * x) for k in range(6)]
     for count, inside in ((5, True), (6, False)):
@@ -249,7 +249,7 @@ def test_a_legend_stands_where_there_is_room():
 def test_names_keep_apart_as_near_as_they_can():
     places = spread(np.array([0.5, 0.1, 0.5, 0.52]), 0.1)
     assert places[1] == 0.1
-    # Those that crowd stand evenly about their middle.
+    # Crowded names are spread evenly about their mean.
     np.testing.assert_allclose(np.sort(places[[0, 2, 3]]), 1.52 / 3 + np.array([-0.1, 0.0, 0.1]))
 
 
@@ -264,7 +264,7 @@ def test_the_message_is_from_the_data():
     doubled = replace(curves, series=(replace(ours, y=2 * x**2), theirs))
     assert agreements(doubled)[0].difference == pytest.approx(1.0)
     assert "100 %" in message_of(doubled)
-    # Two lines of ours under other names: which is meant is not known.
+    # With two lines of ours of other names it is not known which one is meant.
     both = replace(curves, series=(replace(ours, name="one"), replace(ours, name="other"), theirs))
     assert agreements(both) == ()
     given = replace(curves, message="said")
@@ -277,13 +277,13 @@ def test_the_message_of_lines_of_ours_is_how_far_they_are_from_the_computed_one(
     formulas = Series("formula", short, 1.5 * short), Series("other formula", x, 1.9 * x)
     lines = [Series("computed", x, 2.0 * x), *formulas]
     alone = Curves("t", "x (mm)", "B (T)", tuple(lines))
-    # At the end of the shorter line, of the computed range as far as it goes.
+    # The difference at the end of the shorter line, relative to the computed range up to there.
     assert message_of(alone) == "Within 25 % of the computed range (worst: formula)"
     two = replace(alone, series=tuple(lines[:2]))
     assert drawn(two).texts[0].get_text() == "formula is within 25 % of the computed range"
     same = tuple(replace(lines[0], name=name) for name in "abc")
     assert message_of(replace(alone, series=same)) == "All 3 lines are the same"
-    # Lines that differ by a parameter, one line, lines apart, and what was measured under other names say nothing.
+    # No message: lines that differ by a parameter, a single line, disjoint lines, measured lines of other names.
     apart = replace(lines[1], x=lines[1].x + 5.0)
     measured = replace(lines[1], kind="measured", points=True, name="rig")
     named = replace(lines[0], name="y = 1 mm")
@@ -338,7 +338,7 @@ WITHOUT_A_MAP = [part for part in part_names() if read_part(part).figures and no
 
 @pytest.mark.parametrize("part", [*WITHOUT_A_MAP, "S16_closed_loop", "S20_closed_loop"])
 def test_figures_of_rows_without_a_map_are_legible(part, legible):
-    """Those of the linked machine: where their rows are tested."""
+    """Figures of the coupled machine are checked with their rows."""
     legible(computed(part).curves)
 
 

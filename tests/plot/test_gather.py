@@ -1,4 +1,4 @@
-"""What is gathered for a picture: the height of a shift, and what currents within a limit reach."""
+"""Data gathered for a picture: the height of a shift, and the set that currents within a limit reach."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -35,7 +35,7 @@ def source_of(field):
 
 
 def test_the_shift_is_shown_where_the_magnet_floats(harmonic_map):
-    """dBz/dz = b + c z per ampere on the axis: the weight is carried at one height."""
+    """dBz/dz = b + c z per ampere on the axis: the force equals the weight at one height."""
     b, c = 0.04, 1.0
     source = source_of(harmonic_map(coil=(0.0, b, c, (0.0, 0.0))))
     height, why = floating_height(source, np.array([3.0]))
@@ -79,7 +79,7 @@ def test_a_difference_is_that_of_both_fields_in_the_box_they_share(harmonic_map)
 
 @pytest.fixture
 def six(dipole_map, circle_of_six, valid_text, tmp_path):
-    """The map of six dipoles, of a device that has all there is."""
+    """The map of six dipoles, of a device with all tables."""
     return find_source(dipole_map(circle_of_six, tmp_path / "six.h5", valid_text))
 
 
@@ -92,7 +92,7 @@ def test_what_a_map_reaches_is_within_the_limit_of_its_driver(six):
 
 
 def test_reachable_forces_on_soft_iron_are_searched(six):
-    """Within the limit, which some current takes, and said to be a search's."""
+    """Within the limit, which some current reaches; the assumptions name the search."""
     bead = Payload(1e-4, pieces=(PayloadPiece(SoftSphere(1e-3, mu_r=100.0)),))
     one = shown_field(replace(six, payload=bead), np.zeros(6), "reachable", kind="force", limit=0.02)
     assert not one.reachable.exact
@@ -108,7 +108,7 @@ MIDDLE = np.array([0.0005, -0.002, -0.02])
 
 @pytest.fixture
 def crooked():
-    """A field of the crooked machine, with its payload of 10 g and 0.12 A m^2."""
+    """A field of the crooked device, with its payload of 10 g and 0.12 A m^2."""
     return replace(
         source_of(Crooked()),
         kind="device, linear iron",
@@ -193,7 +193,7 @@ def test_a_solution_is_shown_everywhere_with_its_iron(crooked, monkeypatch):
 
 
 def test_what_is_reachable_in_words(crooked, monkeypatch):
-    """Of an affine field, at the middle within 3 A, or where and within what it was asked for."""
+    """Of an affine field: at the middle within 3 A by default, or at a given place and limit."""
     told(monkeypatch, "a note")
     moment = crooked.payload.moment
     reach = 3.0 * np.abs(moment * Crooked.SLOPES[:, 2]).sum(axis=0)
@@ -225,7 +225,7 @@ def test_what_is_reachable_in_words(crooked, monkeypatch):
         assert (
             f"within {words} A\n" in shown_field(driven, np.ones(2), "reachable", kind="B", limit=limit).title
         )
-    # Flux density needs no payload, a force does.
+    # Flux density needs no payload, force does.
     bare = replace(crooked, payload=None)
     assert "times the weight" not in shown_field(bare, np.ones(2), "reachable", kind="B").title
     with refused(InputError, where="a.h5 (device, linear iron), 1 A in each of 2 coils"):
@@ -242,7 +242,7 @@ def test_a_difference_says_of_what(harmonic_map, monkeypatch, capsys):
     assert (shown.field.coil_names, shown.field.currents.tolist()) == (("coil",), [2.0])
     with refused(InputError, where="--what difference"):
         shown_field(one, np.array([2.0]), "difference")
-    # Boxes that share a face share no volume.
+    # Boxes that share only a face have no common volume.
     low, high = one.bounds
     beside = replace(one, bounds=(low + [high[0] - low[0], 0.0, 0.0], high + 0.1))
     with refused(InputError, where="show, --minus"):
@@ -274,7 +274,7 @@ def test_a_shift_says_where_at_what_current_and_how_many_are_missing(crooked, mo
 
 
 def run_signals(count=3, **changed):
-    """A run of three samples, whose sensed point lies (0.001, 0, 0.005) m beside its centre of mass."""
+    """A run of three samples, whose sensed point is (0.001, 0, 0.005) m from its centre of mass."""
     time = np.linspace(1.0, 2.0, count)
     position = np.column_stack([0.1 * time, 0.2 * time, -0.3 * time])
     arrays = {
@@ -311,7 +311,7 @@ def test_a_recorded_run_is_read_as_it_was(tmp_path, scenario, body):
     arrays = {name: values for name, (values, *_) in run_signals().items()}
     for name in ("time", "position", "quaternion", "currents"):
         np.testing.assert_array_equal(getattr(run, name), arrays[name])
-    # Where the centre of mass should be, below what the sensor should read.
+    # The reference of the centre of mass, below the reference of the sensed point.
     np.testing.assert_allclose(run.wanted, arrays["position"] + [0.002, 0.002, -0.005])
 
 
@@ -338,7 +338,7 @@ def test_a_run_without_samples_or_device_is_refused(tmp_path, missing):
 
 
 def test_what_is_shown_in_numbers(crooked):
-    """Nothing that was not found; of a run how long it took and where it ended."""
+    """Without keys for missing results; for a run its duration and end."""
     run = SimpleNamespace(
         time=np.array([1.0, 2.5, 4.0]),
         position=np.array([[0.0] * 3, [1.0] * 3, [1.0, 2.0, 3.0]]),

@@ -1,4 +1,4 @@
-"""Files of runs that somebody damaged or made: refused, and no other file is read for them."""
+"""Run files that were damaged or forged are refused, and no other file is read for them."""
 
 import os
 
@@ -63,7 +63,7 @@ def virtual(good):
     return layout
 
 
-# In the place of the times of a run: what it is made of, given another sound file.
+# In place of the run's times: name -> how it is made, given another valid file.
 MADE = {
     "link": lambda run, good: run.__setitem__("time", h5py.ExternalLink(good, "/run_0000/time")),
     "virtual": lambda run, good: run.create_virtual_dataset("time", virtual(good)),
@@ -109,7 +109,7 @@ def test_texts_that_are_none(tmp_path, monkeypatch, texts):
 
 
 def test_a_recorded_device_reads_no_file_but_shipped_ones(tmp_path, monkeypatch):
-    """A curve in the working folder, of the name that a map or a run recorded, is somebody else's."""
+    """A curve file in the working folder that has the name recorded in a map or a run is not used."""
     monkeypatch.chdir(tmp_path)
     curve = 'format = 1\nname = "x"\ntitle = "x"\nH_A_per_m = [1e3, 2e3]\nB_T = [1.0, 1.1]\n'
     (tmp_path / "secret.toml").write_text(curve)

@@ -1,4 +1,4 @@
-"""A map behind sliders: what follows a moved slider is what the map itself answers, and closed forms say."""
+"""A map behind sliders: the shown values after a move are the map's own values, and closed forms."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -70,7 +70,7 @@ def test_it_begins_where_the_magnet_is_carried(field_map, live):
     answer = doubled.answer
     assert answer.lift == pytest.approx(1.0)
     np.testing.assert_allclose(answer.equilibrium.position, answer.place, atol=1e-6)
-    # Twice the force at half the currents.
+    # Twice the force, so half the currents.
     np.testing.assert_allclose(2 * answer.currents, [c.value for c in live.controls[:2]])
 
 
@@ -86,7 +86,7 @@ def test_it_begins_with_what_the_iron_leaves_of_the_weight(tmp_path):
 
 
 def test_a_calibration_leaves_the_pull_of_the_iron_as_it_is(tmp_path):
-    """Force and equilibrium by the two maps, with the iron's reaction and without."""
+    """Force and equilibrium from two maps, with and without the iron's reaction."""
     device, scale, current = fm.read_device("desk_levitator"), 1.3, 0.4
     path = fm.generate(device, tmp_path / "desk.h5", spacing=3e-3, progress=False)
     field, alone = fm.open_map(path), fm.open_map(path, reaction=False)
@@ -123,7 +123,7 @@ def test_bad_arguments(field_map):
 
 
 def test_saturating_maps_have_sliders_of_their_domain():
-    """Of the division's signals, or of the coils; only the domain of the model is read."""
+    """Sliders of the division's signals, or of the coils; only the domain of the model is read."""
 
     def stub(of, lower, upper):
         model = SimpleNamespace(parametrisation=of, lower=np.array(lower), upper=np.array(upper))
@@ -195,12 +195,12 @@ def test_a_magnet_that_does_not_float_is_not_drawn(window):
     assert window.magnet_at is None
 
 
-# A box from (-10, -30, -50) to (30, 10, -10) mm; the coils' axis through its middle at (10, -10) mm.
+# A box from (-10, -30, -50) to (30, 10, -10) mm; the coils' axis passes through its middle at (10, -10) mm.
 LOWER, MIDDLE = (-0.01, -0.03, -0.05), (0.01, -0.01)
 
 
 class Walled:
-    """A map that holds for a first current of 4 A at most."""
+    """A map with a limit of 4 A for the first current."""
 
     def __init__(self, of):
         self.of = of
@@ -224,20 +224,20 @@ def aside(harmonic_map):
 @pytest.mark.parametrize(
     ("coils", "constant", "slope", "off"),
     [
-        # Slope of the reference currents, 2 A and 3 A, at 60 % of the height, z = -26 mm.
+        # Slope at the reference currents, 2 A and 3 A, at 60 % of the height, z = -26 mm.
         (((0.09, 1.0), (0.07, 0.5)), None, 2 * 0.064 + 3 * 0.057, 0.0),
-        # Coils that pull it down at the reference currents carry it at currents of the other sign.
+        # If the force at the reference currents is downward, currents of the other sign carry the magnet.
         (((-0.09, -1.0), (-0.07, -0.5)), None, -2 * 0.064 - 3 * 0.057, 0.0),
         (((0.09, 1.0), (0.07, 0.5)), (0.02, 0.1), 2 * 0.064 + 3 * 0.057, 0.0174),
         (((-0.09, -1.0), (-0.07, -0.5)), (0.02, 0.1), -2 * 0.064 - 3 * 0.057, 0.0174),
-        # Nothing to begin with: the reference itself.
+        # Without any force of the coils the reference itself.
         (((0.0, 0.0), (0.0, 0.0)), None, 0.0, 0.0),
         (((0.0, 0.0), (0.0, 0.0)), (0.02, 0.1), 0.0, 0.0174),
     ],
 )
 @pytest.mark.parametrize("scale", [1.0, 1.25])
 def test_where_sliders_begin(harmonic_map, coils, constant, slope, off, scale):
-    """The currents that carry the magnet at 60 % of the height are a multiple of the reference."""
+    """The currents start at the multiple of the reference that carries the magnet at 60 % of the height."""
     made = {name: (0.0, *bc, MIDDLE) for name, bc in zip(("left", "right"), coils, strict=True)}
     fixed = None if constant is None else (0.0, *constant, MIDDLE)
     field_map = harmonic_map(lower=LOWER, reference=[2.0, 3.0], constant=fixed, **made)
@@ -280,7 +280,7 @@ def test_answers_in_words_and_numbers(aside):
     np.testing.assert_allclose(
         answer.flux_density, harmonic([0.0, 0.0, -0.02], 0.0, b, c)[0][None], atol=1e-12
     )
-    # Currents the other way round push it down, and lift one whose moment points down.
+    # Reversed currents push the magnet down, and lift a magnet whose moment points down.
     turned = live.move([-1.2, -0.6, -30.0])
     assert (turned.lift, turned.equilibrium) == (pytest.approx(-answer.lift), None)
     below = LiveMap(aside, replace(PAYLOAD, direction="down"), [[*MIDDLE, -0.02]], current_limit=5.0)
@@ -292,7 +292,7 @@ def test_answers_in_words_and_numbers(aside):
         assert (weak.equilibrium, weak.lift) == (None, pytest.approx(0.1 * sense * answer.lift))
         assert weak.words.startswith("no equilibrium in the box: ")
         assert ";" not in weak.words
-    # From there on without the last place.
+    # After a move without equilibrium the search starts without a previous place.
     assert live.move([1.2, 0.6, -30.0]).equilibrium.position[2] == pytest.approx(height)
     beyond = live.move([4.5, 0.5, -20.0])
     assert np.isnan([beyond.lift, *beyond.force, *np.ravel(beyond.flux_density)]).all()
@@ -300,7 +300,7 @@ def test_answers_in_words_and_numbers(aside):
     assert (beyond.equilibrium, beyond.words) == (None, "left must lie within 4 A")
     assert beyond.place == pytest.approx([*MIDDLE, -0.02])
     assert (live.words["force"], live.words["lift"], live.words["equilibrium"]) == ("", "", beyond.words)
-    # The height is held within the box.
+    # The height is limited to the box.
     for asked, held in ((-60.0, -0.05), (0.0, -0.01)):
         assert live.answer_at([1.2, 0.6, asked]).place[2] == pytest.approx(held)
 
@@ -344,7 +344,7 @@ def test_all_of_a_window_is_in_its_place(shown):
     box = np.array([[-10, 30], [-30, 10], [-50, -10]])
     edges = solids_of(scene, INK)[0]
     np.testing.assert_allclose(bounds_of(edges), box, atol=1e-4)
-    # Three planes with the size of the field; one bar on the left, below the title and above the words.
+    # Three planes with |B|; one bar on the left, between the title and the words.
     planes = [one for one in solids_of(scene) if one.mapper.array_name == FLUX]
     for plane, axis, at in zip(planes, range(3), (10.0, -10.0, -50.0), strict=True):
         where = box.astype(float)
@@ -361,7 +361,7 @@ def test_all_of_a_window_is_in_its_place(shown):
     assert bar.range[0] <= values.min() < bar.range[0] + step
     assert bar.range[1] - step < values.max() <= bar.range[1]
     assert {tuple(plane.mapper.scalar_range) for plane in planes} == {bar.range}
-    # The magnet of 8 mm where it floats, and the force as long as a fifth of the box where it carries the weight.
+    # The magnet of 8 mm at its equilibrium, and a force arrow a fifth of the box long where it equals the weight.
     (magnet,) = solids_of(scene, MAGNET)
     found = 1e3 * window.live.answer.equilibrium.position
     assert window.magnet_at == pytest.approx(found)
@@ -375,7 +375,7 @@ def test_all_of_a_window_is_in_its_place(shown):
     tip = data_of(arrow).points[np.argmax(data_of(arrow).points[:, 2])]
     np.testing.assert_allclose(tip, [10.0, -10.0, -30.0 + tall], atol=1e-3)
     assert (magnet.visibility, arrow.visibility) == (True, True)
-    # Below the scene stand the words, on its right the sliders.
+    # The words are below the scene, the sliders on its right.
     assert filled(scene, window._room, scene.render_window.GetSize()).max() == pytest.approx(1 / 1.6)
     numbers = window.as_numbers()
     assert [slider["value"] for slider in numbers["sliders"]] == [1.2, 0.6, -30.0]
@@ -408,7 +408,7 @@ def test_a_window_beyond_the_currents_of_its_map_says_so_and_shows_nothing(shown
 @needs_opengl
 @pytest.mark.parametrize("coils", [2, 8])
 def test_sliders_stand_below_each_other_with_their_units(harmonic_map, coils):
-    """From 88 % of the height down to 8 % at the lowest, however many; between 76 % and 97 % of the width."""
+    """Between 88 % and 8 % of the height for any number of sliders, and between 76 % and 97 % of the width."""
     made = {f"c{k}": (0.0, 0.04, 1.0, (0.0, 0.0)) for k in range(coils)}
     window = LiveWindow(harmonic_map(**made), PAYLOAD, 5.0, off_screen=True, window=(800, 720))
     shapes = [slider.GetRepresentation() for slider in window.sliders]

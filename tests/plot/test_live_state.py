@@ -1,4 +1,4 @@
-"""The state of a window with sliders, without a window; and the page in a browser, where there is one."""
+"""The state of a window with sliders, without a window; and the page in a browser, if there is one."""
 
 import asyncio
 import json
@@ -66,7 +66,7 @@ def test_saved_states_outlive_the_window(state, make):
     again = make(state.states_file)
     np.testing.assert_array_equal(again.restore("lower left").currents, state.currents(values))
     np.testing.assert_array_equal(again.values, values)
-    # A map with other controls takes what it knows.
+    # A map with other controls uses the values that it has sliders for.
     content = json.loads(state.states_file.read_text())
     name = state.controls[0].name
     content["states"]["lower left"] = {name: 1.25, "coil elsewhere": 4.0}
@@ -100,7 +100,7 @@ WEB = [
 
 @needs_opengl
 def test_the_page_follows_its_state(six_coils, payload, tmp_path):
-    """The object that the page is made of, driven without a browser."""
+    """The page's object, used without a browser."""
     for library, name in WEB[:2]:
         pytest.importorskip(library, reason=f"{name} is not installed")
     from fieldmap.plot.live_web import LivePage
@@ -134,8 +134,8 @@ def test_the_page_follows_its_state(six_coils, payload, tmp_path):
 def test_the_page_has_all_elements_and_is_served_where_it_was_asked_for(
     six_coils, payload, monkeypatch, capsys
 ):
-    """Sliders of 200 steps between their ends, with three decimals of amperes and one of millimetres; beside the
-    picture on a wide screen, below it on a narrow one."""
+    """Sliders have 200 steps, three decimals for amperes and one for millimetres; they are beside the picture on a wide
+    screen, below it on a narrow one."""
     for library, name in WEB[:2]:
         pytest.importorskip(library, reason=f"{name} is not installed")
     from fieldmap.plot.live_web import LivePage
@@ -159,7 +159,7 @@ def test_the_page_has_all_elements_and_is_served_where_it_was_asked_for(
     wide = [int(one["md"]) for one in columns]
     assert sum(wide) == 12
     assert wide[0] > wide[1]
-    # A picture of as many pixels as there are, also while it moves.
+    # The picture has full resolution, also while it moves.
     assert 'interactiveRatio="1"' in template
     assert all(flag in template for flag in ("fluid>", "noGutters>", "<VRow dense>"))
     assert re.search(r"six coils\s*</div>", template)
@@ -200,7 +200,7 @@ def test_what_is_missing_is_named(monkeypatch):
 
 @contextmanager
 def running(words, **options):
-    """A program that runs inside, with all that it starts."""
+    """A program that runs inside the block, with all its child processes."""
     process = subprocess.Popen(words, text=True, start_new_session=True, **options)
     try:
         yield process
@@ -210,7 +210,7 @@ def running(words, **options):
 
 
 def port_of(path, seconds=60.0):
-    """What a browser writes once it listens."""
+    """The port that a browser writes when it listens."""
     end = time.monotonic() + seconds
     while not (path.is_file() and path.read_text()):
         assert time.monotonic() < end, path
@@ -219,7 +219,7 @@ def port_of(path, seconds=60.0):
 
 
 async def visit(port, address, steps):
-    """Open the page, and do `steps(evaluate)`."""
+    """Open the page, and run `steps(ask, evaluate, until)`."""
     import aiohttp
 
     async with aiohttp.ClientSession() as session:
@@ -255,7 +255,7 @@ async def visit(port, address, steps):
 
 @needs_opengl
 def test_the_page_in_a_browser(six_map_with_payload, payload, tmp_path):
-    """Sliders, reset and saved states by their elements; the picture is not empty."""
+    """Sliders, reset and saved states by their elements; the picture has content."""
     for library, name in WEB:
         pytest.importorskip(library, reason=f"{name} is not installed")
     program = next((path for name in BROWSERS if (path := shutil.which(name))), None)
@@ -284,7 +284,7 @@ def test_the_page_in_a_browser(six_map_with_payload, payload, tmp_path):
         seen["moved"] = await until(text.format("force"), lambda found: found != seen["begin"])
         await evaluate("document.querySelector('#name').focus()")
         await ask("Input.insertText", text="five steps")
-        # Five steps of 50 mA, which reach the server one after the other.
+        # Five steps of 50 mA, which reach the server one by one.
         seen["currents"] = await until(text.format("currents"), lambda found: found and "1: 2.500" in found)
         await evaluate("document.getElementById('save').click()")
         states = Path(six_map_with_payload).with_suffix(".states.json")

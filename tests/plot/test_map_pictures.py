@@ -1,4 +1,4 @@
-"""The pictures that lie beside a map: files, what they show, and what a map cannot show."""
+"""The pictures written next to a map: files, content, and pictures that a map cannot have."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +19,7 @@ from fieldmap.plot.rendering import can_render
 from tests.plot.conftest import pixels_of
 
 SIGNALS = np.array([0.1, 0.2])
-# Measured on a rig: source, n, reading and height of the sensor, level, zero, signals, and places beside models.
+# Measured on a rig: source, n, reading and height of the sensor, level, zero, signals; then positions and models.
 SHIFT = ShiftBesideMeasured(
     *("Table 2", 1.25, 10.0, -0.1, 2.0, -1e-4, SIGNALS),
     measured=0.010 * SIGNALS,
@@ -58,7 +58,7 @@ def test_a_map_without_a_payload_shows_its_field(circle_of_six, dipole_map, tmp_
     path = dipole_map(circle_of_six, tmp_path / "bare.h5", rig() if has_device else "")
     figure, scene = save_map_pictures(summarise_map(path))
     assert dark(figure.path) > 0.1
-    # What records no device cannot be drawn in space.
+    # A map without a recorded device has no 3-D picture.
     assert (scene.path is not None) is (has_device and can_render())
     assert (scene.path is None) == bool(scene.problem)
 
@@ -78,7 +78,7 @@ def test_the_figure_beside_measurements(six_map, legible):
     measured, follows, stays = curves.series
     np.testing.assert_allclose(measured.x, [0.0, 0.1, 0.2])
     np.testing.assert_allclose(measured.y, [-0.1, 1.0, 2.0])
-    # From the reading at signal 0 on; in a linear map both rules are one, and no force acts along x.
+    # Relative to the reading at signal 0; in a linear map both rules coincide, and no force acts along x.
     assert follows.y[0] == stays.y[0] == pytest.approx(-0.1)
     np.testing.assert_allclose(follows.y, stays.y, atol=2e-3)
     place = np.array([1e-3 * (stays.y[-1] + 0.1), 0.0, -0.1])
@@ -97,8 +97,8 @@ ABOUT = SimpleNamespace(title="A map", device_text="text")
 
 @pytest.fixture
 def drawn(harmonic_map, monkeypatch):
-    """drawn(**summary): the pictures, the figure that was saved, and what the other picture was asked for; of two coils
-    round the middle of a box, (10, -10) mm, at 3 A and 2 A."""
+    """drawn(**summary): the pictures, the saved figure, and the arguments of the 3-D picture, for two coils about the
+    middle of a box, (10, -10) mm, at 3 A and 2 A."""
     coils = {"left": (0.02, 0.09, 1.0, (0.01, -0.01)), "right": (0.01, 0.07, 0.5, (0.01, -0.01))}
     opened = harmonic_map(lower=(-0.01, -0.03, -0.05), reference=[3.0, 2.0], **coils)
     saved = {}
@@ -127,7 +127,7 @@ def row(current, height):
 
 
 def test_pictures_at_the_current_that_carries_the_magnet_in_the_middle(drawn):
-    """The middle one of the heights at which there is one, to a milliampere."""
+    """At the middle one of the heights with a current, rounded to a milliampere."""
     rows = [row(None, -0.02), row(1.0, -0.022), row(1.23456, -0.0254), row(1.5, -0.028), row(None, -0.03)]
     told, ((figure, path, kind), _), ((at, device, field, currents, magnet, caption), options) = drawn(
         lift=rows
@@ -165,7 +165,7 @@ def test_pictures_at_the_current_that_carries_the_magnet_in_the_middle(drawn):
 
 
 def test_pictures_of_a_map_that_carries_nothing(drawn):
-    """At its reference currents, without a magnet; of two rows the second is the middle one."""
+    """At its reference currents, without a magnet; with two rows the second counts as the middle."""
     _, ((figure, *_), _), ((*_, currents, magnet, caption), _) = drawn(lift=[row(None, -0.02)])
     assert (currents.tolist(), magnet, caption) == ([3.0, 2.0], None, "")
     left = figure.axes[0]
@@ -174,7 +174,7 @@ def test_pictures_of_a_map_that_carries_nothing(drawn):
     assert not left.patches
     _, _, ((*_, currents, magnet, _), _) = drawn(lift=[row(1.0, -0.02), row(2.0, -0.03)])
     assert (currents.tolist(), magnet) == ([2.0, 2.0], (0.0, 0.0, -0.03))
-    # What is no cylinder has no outline.
+    # Only a cylinder has an outline.
     sphere = fm.Payload(0.010, magnet=fm.MagnetSphere(0.004, 1.2))
     _, ((figure, *_), _), _ = drawn(payload=sphere, lift=[row(1.0, -0.02)])
     assert (len(figure.axes[0].patches), "red" in figure.axes[0].get_title("left")) == (0, False)
@@ -193,7 +193,7 @@ def test_a_map_that_records_no_device_says_why_there_is_no_picture(drawn):
 
 
 def test_shifts_stand_beside_what_was_measured(drawn, monkeypatch):
-    """From the reading at signal 0 on; a line that the map ends says so."""
+    """Relative to the reading at signal 0; the name of a line that ends early says that the map ends."""
     asked = []
 
     def surface(opened, payload, x, y, level, height, division, hold_height):
@@ -227,7 +227,7 @@ def test_shifts_stand_beside_what_was_measured(drawn, monkeypatch):
         ("ours", False),
         ("ours", False),
     ]
-    # Off by 2.1 mm - (2 - ...) at the ends: 3.9 mm is 1.9 mm from 2 mm, of 2.1 mm.
+    # The measured magnet moves from -0.1 to 2 mm; at the end the model is at 3.9 mm, off by 1.9 mm of 2.1 mm.
     assert (
         curves.message
         == "Equilibrium moves 2 mm at signal 0.2; at constant lift the model follows within 90 %"
@@ -244,7 +244,7 @@ def test_shifts_stand_beside_what_was_measured(drawn, monkeypatch):
     ],
 )
 def test_the_message_of_a_shift(model, words):
-    """As a share of how far the magnet was seen to move, 9 mm, as far as the model goes."""
+    """Relative to the measured movement, 9 mm, as far as the model goes."""
     signals = [0.0, 0.2, 0.4]
     measured = Series("measured", signals, [0.5, 4.5, 9.5], "measured", points=True)
     ours = Series("ours", signals, 0.5 + np.array(model))

@@ -1,4 +1,4 @@
-"""Pictures of an optimisation: every design at its numbers, what beats what, the device before and after."""
+"""Pictures of an optimisation: every design at its numbers, undominated designs, the device before and after."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ from tests.studies.test_optimise import PAIR
 
 @pytest.fixture(scope="module")
 def best():
-    """The largest field in the middle of a pair of coils at 2 A or less: the coils come together."""
+    """The largest field in the middle of a pair of coils at 2 A or less: the coils move together."""
     return fm.optimise(
         PAIR,
         [Variable("parameters.spacing", 10.0, 90.0), Variable("current.*", 0.1, 3.0, start=1.0)],
@@ -71,7 +71,7 @@ def test_every_design_stands_at_its_numbers_in_millitesla(best):
 
 
 def made_up(limits, maximise=False, objective="power", flux=1e-3):
-    """A search over the radius r from 10 to 30 mm: its power is 4 W at 12 mm, 1 W at 20 mm, and so on."""
+    """A search over the radius r from 10 to 30 mm: the power is 4 W at 12 mm, 2 W at 16 mm, and so on."""
     table = [  # role, r, power, flux density, feasible, failure
         ("sample", 12.0, 4.0, 1.0, True, ""),
         ("step", 16.0, 2.0, 3.0, False, ""),
@@ -114,13 +114,13 @@ def limited(number="flux_density 1 z", value=2e-3, lower=-np.inf, upper=np.inf):
 
 
 def test_all_that_is_drawn_of_made_up_designs():
-    """Designs 1 to 5 without that of the check; the third failed."""
+    """Designs 1 to 5 without the check; the third one failed."""
     figure = optimum_figure(made_up((limited(upper=2.75e-3, lower=0.5e-3),)))
     objective, variables, trade_off = figure.axes
     assert figure.get_suptitle() == "Power: 4 at the start, 3 W at the best\nA search"
     assert drawn(objective, "meets all limits")[0].tolist() == [1.0, 4.0, 5.0]
     assert drawn(objective, "meets all limits")[1].tolist() == [4.0, 3.0, 5.0]
-    # Of what failed there is no number.
+    # A failed design has no number.
     np.testing.assert_array_equal(drawn(objective, "misses a limit"), [[2.0, 3.0], [2.0, np.nan]])
     assert [one.tolist() for one in drawn(objective, "best")] == [[4.0], [3.0]]
     number, best = drawn(objective, "best so far")
@@ -134,7 +134,7 @@ def test_all_that_is_drawn_of_made_up_designs():
         [10.0, 30.0, 40.0, 50.0, 80.0],
     )
     assert (variables.get_xlabel(), variables.get_ylabel()) == ("design", "variables, % of their range")
-    # All of the range, and the marks at its ends.
+    # The whole range, with the marks at its ends.
     low, high = variables.get_ylim()
     assert -10.0 < low < 0.0
     assert 100.0 < high < 110.0
@@ -144,13 +144,13 @@ def test_all_that_is_drawn_of_made_up_designs():
     box = variables.get_legend().get_window_extent()
     assert box.y0 >= variables.bbox.y1
     assert box.x0 == pytest.approx(variables.bbox.x0, abs=8.0)
-    # Over the limited number in mT, with both bounds.
+    # Against the limited number in mT, with both bounds.
     np.testing.assert_allclose(drawn(trade_off, "misses a limit"), [[3.0, np.nan], [2.0, np.nan]])
     bounds = [line.get_xdata()[0] for line in trade_off.lines if line.get_label() == "limit"]
     assert bounds == pytest.approx([0.5, 2.75])
     assert (trade_off.get_xlabel(), trade_off.get_ylabel()) == ("flux density 1 z (mT)", "power (W)")
     front = [one.tolist() for one in drawn(trade_off, "no other is better in both")]
-    # Smaller in both than (1, 4), (2, 3) and (3, 2) is none; (2.5, 5) is beaten.
+    # No design is smaller in both numbers than (1, 4), (2, 3) or (3, 2); (2.5, 5) is dominated.
     assert front == [pytest.approx([1.0, 2.0, 3.0]), [4.0, 3.0, 2.0]]
     (legend,) = figure.legends
     told = [text.get_text() for text in legend.get_texts()]
@@ -171,7 +171,7 @@ def test_all_that_is_drawn_of_made_up_designs():
 @pytest.mark.parametrize(
     ("maximise", "bound", "front"),
     [
-        # Much of a number with a lower bound alone is good: (3, 2) beats all in both, or (2.5, 5) and it.
+        # With only a lower bound a large number is good: (3, 2) dominates all, or is undominated with (2.5, 5).
         (False, {"lower": 1e-3}, [[3.0], [2.0]]),
         (True, {"lower": 1e-3}, [[2.5, 3.0], [5.0, 2.0]]),
         (True, {"upper": 1e-3}, [[1.0, 2.5], [4.0, 5.0]]),
@@ -199,7 +199,7 @@ def test_panels_of_a_search(count, rows, columns):
 
 @pytest.mark.parametrize(("widest", "scale"), [(20.1, "log"), (19.9, "linear")])
 def test_decades_of_a_number_are_drawn_as_such(widest, scale):
-    """From one to twenty times as much and more; 0 and less have no decades."""
+    """Logarithmic if all numbers are positive and the largest is more than 20 times the smallest."""
     found = made_up((limited("iron", value=1.0, upper=9.0),))
     for factor, wanted in ((1.0, scale), (-1.0, "linear")):
         numbers = [1.0, 2.0, 3.0, 0.0, widest, 4.0]
@@ -209,7 +209,7 @@ def test_decades_of_a_number_are_drawn_as_such(widest, scale):
         ]
         axes = optimum_figure(replace(found, path=tuple(path))).axes[2]
         assert axes.get_xscale() == wanted
-        # A number that studies do not know has no unit.
+        # A number that is no study quantity has no unit.
         assert axes.get_xlabel() == "iron"
         assert drawn(axes, "meets all limits")[0] == pytest.approx([factor, factor * widest, 4.0 * factor])
 
@@ -232,7 +232,7 @@ def test_the_message_of_a_search(objective, flux, words):
 @pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 @pytest.mark.parametrize(("width", "tall", "height"), [(1000, 0.0, None), (1000, 1.0, 1500), (300, 0.0, 500)])
 def test_before_and_after_are_seen_from_one_place(monkeypatch, tmp_path, width, tall, height):
-    """The height follows the machines, between 500 and 1500 pixels."""
+    """The height follows from the extent of the devices, between 500 and 1500 pixels."""
     after = crooked_device(
         bodies=[fm.Body("mast", "iron", fm.Box((0.01, 0.01, 0.01 + tall)), 0.004).moved([0.06, 0.0, 0.0])]
     )
@@ -269,7 +269,7 @@ def test_before_and_after_are_seen_from_one_place(monkeypatch, tmp_path, width, 
     assert [panel[3] for panel in (left, right)] == ([["one"], ["two"]] if tall else [["before"], ["after"]])
     assert size[0] == width
     if height is None:
-        # Half of the width for each, as wide as 1.4 times both are high.
+        # Each device has half of the width, and the width is 1.4 times their common extent.
         across, up = optimum.extent_seen(together)
         assert size[1] == int(0.5 * width * 1.4 * up / across)
         assert 500 < size[1] < 1500
@@ -278,7 +278,7 @@ def test_before_and_after_are_seen_from_one_place(monkeypatch, tmp_path, width, 
 
 
 def test_designs_that_failed_stand_on_the_lower_edge_and_are_drawn_whole(best):
-    """Half of a cross on the edge would be cut off."""
+    """A cross on the edge must not be cut in half."""
     some = [replace(step, failure="no mesh", numbers={}, feasible=False) if k in (1, 3) else step
             for k, step in enumerate(best.path)]  # fmt: skip
     figure = optimum_figure(replace(best, path=tuple(some)))
@@ -287,7 +287,7 @@ def test_designs_that_failed_stand_on_the_lower_edge_and_are_drawn_whole(best):
     assert number.tolist() == [2.0, 4.0]
     assert value == pytest.approx(value[0])
     assert value[0] < drawn(objective, "meets all limits")[1].min()
-    # Every marker within half its size of a side of its axes must not be clipped there.
+    # A marker within half its size of a side of its axes must not be clipped there.
     for axes in figure.axes:
         for line in axes.lines:
             if line.get_marker() in ("None", "", None):
@@ -313,7 +313,7 @@ def test_the_front_is_what_nothing_beats():
 
 
 def test_the_front_of_a_largest_value_rises(best):
-    """More current gives more flux density: whoever has the most at a current stands on the line."""
+    """More current gives more flux density, so the largest flux density at each current is on the line."""
     *_, trade_off = optimum_figure(best).axes
     current, flux = drawn(trade_off, "no other is better in both")
     assert (np.diff(current) > 0).all()
@@ -324,7 +324,7 @@ def test_the_front_of_a_largest_value_rises(best):
 
 @pytest.mark.skipif(not can_render(), reason="no OpenGL on this machine")
 def test_the_coils_before_and_after_stand_at_one_scale(tmp_path):
-    """The pair comes closer together: copper spans fewer rows on the right, as many columns."""
+    """The coils move together: copper has fewer rows of pixels on the right, and as many columns."""
     thick = PAIR.replace("inner_radius_mm = 49.9", "inner_radius_mm = 30").replace(
         "height_mm = 0.2", "height_mm = 9"
     )

@@ -1,4 +1,4 @@
-"""The picture of a device in two panels, read back from its scene before it is closed; and what a camera holds."""
+"""The picture of a device in two panels, read from its scene before closing; and the extent seen by a camera."""
 
 from types import SimpleNamespace
 
@@ -28,7 +28,7 @@ CORE = [[-35, 40], [-6, 27], [-30, 36]]
 
 @pytest.fixture
 def panels(monkeypatch, tmp_path):
-    """panels(device, ...): what both panels of a picture show."""
+    """panels(device, ...): the content of both panels of a picture."""
 
     def draw(device, *given, **options):
         found = []
@@ -53,7 +53,7 @@ def panels(monkeypatch, tmp_path):
                     "bars": bars_of(scene),
                 }
                 arrows = [one.mapper.dataset.bounds for one in solids_of(scene, CURRENT)]
-                # The left one has rulers.
+                # The left panel has rulers.
                 assert [one.words for one in labels_of(scene) if "mm" in one.words] == [*MILLIMETRES][
                     : 3 - 3 * k
                 ]
@@ -74,18 +74,18 @@ def test_both_panels_show_the_machine_and_the_right_one_its_field(panels):
     left, right, size = panels(device, Crooked(), [1.5, -0.5], [0.001, 0.0, -0.02], "a caption")
     assert size == (2000, 1240)
     assert left.words == [("A crooked machine", pytest.approx((0.03, 0.98)))]
-    words = "ring: 1.5 A, frame: -0.5 A; arrows: direction of B\na caption"
+    words = "ring: 1.5 A, frame: -0.5 A; arrows: direction of B, red: moment of the magnet\na caption"
     assert right.words == [(words, pytest.approx((0.03, 0.02)))]
     assert (left.planes, right.planes, len(left.white), len(right.white)) == (0, 2, 0, 1)
     for one in (left, right):
         assert [one.solids[colour] for colour in (IRON, COPPER, CURRENT, MAGNET)] == [2, 2, 2, 2]
     assert (left.names, right.names) == (0, 2)
-    # The left panel holds all with some room, the right one coils and workspace, which fill it nearly.
+    # The left panel holds everything with some margin; coils and workspace nearly fill the right panel.
     assert left.held.max() == pytest.approx(1 / 1.14)
     assert right.held.max() == pytest.approx(1 / 1.06)
     for one in (left, right):
         np.testing.assert_allclose(one.held.sum(axis=1), 0.0, atol=1e-9)
-    # Currents flow as they do in both, and without a field at 1 A.
+    # Both panels have the arrows of the given currents; without a field, of 1 A.
     assert left.arrows == right.arrows
     plain, _, _ = panels(device)
     assert plain.arrows[0] == left.arrows[0]
@@ -94,7 +94,7 @@ def test_both_panels_show_the_machine_and_the_right_one_its_field(panels):
 
 @needs_opengl
 def test_words_and_arrows_of_a_picture_of_forces(panels):
-    """Magnetic force and weight, 7 by 9 arrows 0.3 mm before the plane y = -2 mm, each as long as a cell is wide."""
+    """Net force of magnetic force and weight: 7 by 9 arrows 0.3 mm before the plane y = -2 mm, one cell width long."""
     _, right, size = panels(crooked_device(), Crooked(), [1.5, -0.5], forces=True, window_size=(600, 400))
     assert size == (600, 400)
     assert right.words == [("ring: 1.5 A, frame: -0.5 A", pytest.approx((0.03, 0.02)))]
@@ -111,7 +111,7 @@ def test_words_and_arrows_of_a_picture_of_forces(panels):
     for axis, low, size, count in ((0, -4.0, 9.0, 7), (2, -30.0, 20.0, 9)):
         expected = low + (np.arange(count) + 0.5) / count * size
         np.testing.assert_allclose(np.unique(middles[:, axis].round(1)), expected, atol=0.06)
-    # Without a payload there is no force to show.
+    # Without a payload there is no force.
     _, bare, _ = panels(crooked_device(payload=None), Crooked(), forces=True)
     assert bare.words == [("1 A in each of 2 coils; arrows: direction of B", pytest.approx((0.03, 0.02)))]
     assert len(bare.white[0].reshape(-1, 3)) > 1
@@ -140,7 +140,7 @@ def test_the_core_is_coils_and_workspace():
 @pytest.mark.parametrize("bounds", [[[0, 100], [-5, 5], [20, 30]], [[0, 10], [-50, 20], [-90, 30]]])
 @pytest.mark.parametrize("panels", [1, 2])
 def test_a_camera_just_holds_a_box(bounds, panels):
-    """Wide and high ones, of one panel and of two; outside the box, above its middle, with nothing cut off."""
+    """Flat and tall boxes, with one and two panels; the camera is outside, above the middle, and clips nothing."""
     scene = pv.Plotter(off_screen=True, window_size=[500, 400], shape=(1, panels))
     scene.add_mesh(pv.Box(np.ravel(bounds)))
     box = np.array(bounds, float)
@@ -164,7 +164,7 @@ def test_a_camera_just_holds_a_box(bounds, panels):
         place = np.array(scene.camera.position) @ away / np.linalg.norm(away)
         near, far = scene.camera.clipping_range
         assert near < place - depth.max() < place - depth.min() < far
-        # What is seen of it, in its unit.
+        # The visible extent in units of the box.
         across, up = extent_seen(box, np.array(view))
         panel = size[0] / panels / size[1]
         assert np.ptp(ends, axis=1) == pytest.approx(
@@ -175,7 +175,7 @@ def test_a_camera_just_holds_a_box(bounds, panels):
 
 
 def test_what_is_seen_of_a_box_from_the_front():
-    """Against -y and from above at 45 degrees: x as it is; of y and z what 45 degrees leave."""
+    """Along y, and from above at 45 degrees: x is unchanged, y and z are projected."""
     box = np.array([[0.0, 3.0], [0.0, 4.0], [0.0, 5.0]])
     assert extent_seen(box, np.array([0.0, -1.0, 0.0])) == pytest.approx((3.0, 5.0))
     assert extent_seen(box, np.array([0.0, -1.0, 1.0])) == pytest.approx((3.0, 9.0 / np.sqrt(2.0)))

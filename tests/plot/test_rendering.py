@@ -1,4 +1,4 @@
-"""What draws without a screen is looked for once, in another process, and then chosen for this one."""
+"""The off-screen renderer is tested once, in a subprocess, and then chosen for this process."""
 
 import subprocess
 from types import SimpleNamespace
@@ -20,10 +20,10 @@ CHOICE = "VTK_DEFAULT_OPENGL_WINDOW"
         ("linux", "", None, {EGL, IN_MEMORY}, [EGL], EGL),
         ("linux", "", None, {IN_MEMORY}, [EGL, IN_MEMORY], IN_MEMORY),
         ("linux", "", None, set(), [EGL, IN_MEMORY], None),
-        # What the user chose is tried alone.
+        # Only the user's choice is tried.
         ("linux", "", "own", {"own"}, ["own"], "own"),
         ("linux", "", "own", {EGL}, ["own"], None),
-        # With a screen, and elsewhere, nothing is tried.
+        # With a screen, and on other systems, nothing is tried.
         ("linux", ":0", None, set(), [], True),
         ("darwin", "", None, set(), [], True),
         ("win32", "", None, set(), [], True),

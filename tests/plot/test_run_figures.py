@@ -1,4 +1,4 @@
-"""Curves of runs over time: every curve is seen, and those that lie on each other are drawn once."""
+"""Curves of runs over time: every curve is visible, and coinciding curves are drawn once."""
 
 import json
 from types import SimpleNamespace
@@ -67,7 +67,7 @@ def test_runs_of_one_combination_of_values_share_a_colour_that_a_legend_names():
 
 
 def test_the_unit_of_an_axis_follows_the_larger_of_what_is_wanted_and_what_comes():
-    """Millimetres but where both are small: an axis that should stay and leaves by 2 mm, one that does not."""
+    """Micrometres only if both reference and position are small: x leaves its rest by 2 mm, y does not."""
     true = np.zeros((11, 3))
     true[5] = [2.0, 0.004, 0.0]
     run = run_with(np.zeros((11, 4)), true=true)
@@ -76,7 +76,7 @@ def test_the_unit_of_an_axis_follows_the_larger_of_what_is_wanted_and_what_comes
 
 
 def readings(x=0.0, y=0.0, depth=0.0):
-    """Readings (11, 3), mm, of numbers or of columns."""
+    """Readings (11, 3), mm, from numbers or columns."""
     return np.column_stack([np.broadcast_to(one, 11) for one in (x, y, depth)]).astype(float)
 
 
@@ -95,7 +95,7 @@ def measured(**signals):
 
 
 def test_every_line_of_one_run_has_the_numbers_of_its_signal():
-    """x in millimetres, y and depth in micrometres, a log upon both, and the event above the end of the depth."""
+    """x in millimetres, y and depth in micrometres, a log over x and depth, and the event at the end of the depth."""
     wanted, true, seen = (
         readings(3.0, 0.1, 0.2),
         readings(2.0 + TIMES, 0.1 * TIMES, 0.3 * TIMES),
@@ -128,11 +128,11 @@ def test_every_line_of_one_run_has_the_numbers_of_its_signal():
     for k, (_, x, y, colour) in enumerate(coils[:4]):
         np.testing.assert_allclose((x, y), (TIMES, currents[:, k]))
         assert colour == COLOURS[k].lower()
-    # The log of the coil b as dots of its colour.
+    # The log of coil b: dots in the coil's colour.
     _, x, y, colour = coils[4]
     assert (x.tolist(), y.tolist(), colour) == (LATER.tolist(), [7.0, 8.0, 9.0], COLOURS[1].lower())
     assert lowest.get_lines()[4].get_marker() == "."
-    # Above the axes, on the right, stand the legends of the first and of the last.
+    # The legends of the first and the last panel are above the axes, on the right.
     assert [axes.get_legend() is None for axes in figure.axes] == [False, True, True, False]
     figure.draw_without_rendering()
     assert places[2].bbox.y1 < event.get_window_extent().y0 < places[2].bbox.y1 + 10.0
@@ -160,7 +160,7 @@ def test_lines_of_several_runs_are_thin_and_of_the_truth_alone():
         assert [y[0] for _, _, y, _ in lines] == [panel + 1.0, 2.0 * (panel + 1.0), 0.0]
         assert 0.3 < figure.axes[panel].get_lines()[0].get_alpha() < 1.0
     assert figure.axes[0].get_legend() is None
-    # Without names coils have numbers; they are named once.
+    # Coils without names are numbered, and named once.
     labels = [label for label, *_ in shown_of(figure, 3)]
     assert labels[0] == "coils 1, 2, 3, 4: the same"
     assert labels[1].startswith("_")
@@ -199,7 +199,7 @@ UP = np.where(TIMES < 0.25, 0.0, 2.0)
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        # A step of 2 mm after 0.2 s: 10 % beyond it at most, and last 5.5 % off at 0.6 s.
+        # A step of 2 mm after 0.2 s: 10 % overshoot, and last outside 5 %, by 5.5 %, at 0.6 s.
         (
             {
                 "wanted": readings(y=UP),
@@ -207,7 +207,7 @@ UP = np.where(TIMES < 0.25, 0.0, 2.0)
             },
             "A step of 2 mm in y: overshoot 10 %, within 5 % after 0.5 s",
         ),
-        # The same downwards in micrometres, not there at the end, and never beyond.
+        # A step downward in micrometres, never beyond it, and not within 5 % at the end.
         (
             {
                 "wanted": readings(depth=-0.1 * UP),
@@ -215,7 +215,7 @@ UP = np.where(TIMES < 0.25, 0.0, 2.0)
             },
             "A step of 200 µm in depth: overshoot 0 %, not there at the end",
         ),
-        # Two moves are no step; nor is a step there and back.
+        # Two moves are no step, and neither is a step there and back.
         (
             {"wanted": readings(x=UP + (TIMES > 0.75)), "true": readings(x=UP, depth=0.7)},
             "At most 1.2 mm from what was asked",
@@ -239,7 +239,7 @@ def test_what_several_runs_show_in_words():
 
 
 def test_what_is_drawn_of_a_run():
-    """Sensed points in m as readings; what ended at once is one sample of zero."""
+    """Sensed points in m become readings; a run that ended at once has one sample of zero."""
     places = [1e-3 * np.array([[k, 2.0 * k, -80.0 - k]]) for k in (1.0, 2.0, 3.0)]
     of = {"scenario": SimpleNamespace(zero_depth_mm=77.0), "coil_names": ("a", "b")}
     about = {"time": np.array([0.5]), "currents": np.array([[1.0, 2.0]]), "coils": 2}
@@ -264,8 +264,59 @@ def test_the_unit_of_an_axis_changes_at_half_a_millimetre():
         assert label == f"x, {unit}"
 
 
+def test_a_path_in_x_and_y_has_a_panel_with_the_numbers_of_the_signals():
+    """Both in millimetres, since x is large, one scale, a dot at the start, and one line for each reference."""
+    wanted = readings(2.0 * np.cos(TIMES), 0.5 * np.sin(TIMES))
+    one = readings(2.1 * np.cos(TIMES), 0.4 * np.sin(TIMES), 0.1 * TIMES)
+    other = one * [1.0, -1.0, 1.0]
+    first = run_with(np.zeros((11, 4)), wanted=wanted, true=one, varied={"k": 1})
+    second = run_with(np.zeros((11, 4)), wanted=wanted, true=other, varied={"k": 2})
+    for runs, shades in (([first], COLOURS[:1]), ([first, second], COLOURS[:2])):
+        figure = run_figure("A path", runs)
+        path = figure.axes[4]
+        assert (path.get_xlabel(), path.get_ylabel(), path.get_aspect()) == ("x, mm", "y, mm", 1.0)
+        expected = []
+        for run, shade in zip(runs, shades, strict=True):
+            x, y, _ = run["true"].T
+            expected += [("true", x, y, shade.lower()), ("start", x[:1], y[:1], shade.lower())]
+        expected.append(("reference", *wanted.T[:2], INK))
+        found = shown_of(figure, 4)
+        assert [label for label, *_ in found] == [label for label, *_ in expected]
+        for (label, x, y, shade), (_, *values, colour) in zip(found, expected, strict=True):
+            np.testing.assert_array_equal((x, y), values)
+            assert shade == colour, label
+        assert [line.get_marker() for line in path.get_lines()][:2] == ["None", "o"]
+
+
+def test_a_small_path_is_in_micrometres():
+    circle = readings(0.1 * np.cos(9 * TIMES), 0.1 * np.sin(9 * TIMES))
+    path = run_figure("Small", [run_with(np.zeros((11, 4)), wanted=circle, true=circle)]).axes[4]
+    assert (path.get_xlabel(), path.get_ylabel()) == ("x, µm", "y, µm")
+    np.testing.assert_allclose(path.get_lines()[0].get_xydata(), 1e3 * circle[:, :2])
+
+
+@pytest.mark.parametrize(
+    ("wanted", "true", "there"),
+    [
+        # The reference decides: both sides longer than the depth, the shorter more than a quarter of the longer.
+        (readings(4 * TIMES, 1.01 * TIMES, TIMES), readings(), True),
+        (readings(1.01 * TIMES, 4 * TIMES, TIMES), readings(), True),
+        (readings(4 * TIMES, 0.99 * TIMES), readings(TIMES, TIMES), False),
+        (readings(4 * TIMES, 3 * TIMES, 3.01 * TIMES), readings(TIMES, TIMES), False),
+        (readings(0, 0, TIMES), readings(TIMES, TIMES), False),
+        # Where it stands still, bodies that move by more than half a millimetre.
+        (readings(1, 2, 3), readings(0.51 * TIMES, 0.51 * TIMES, 0.5 * TIMES), True),
+        (readings(1, 2, 3), readings(0.51 * TIMES, 0.49 * TIMES), False),
+    ],
+)
+def test_a_panel_of_the_path_is_for_motion_in_the_plane(wanted, true, there):
+    figure = run_figure("Where", [run_with(np.zeros((11, 4)), wanted=wanted, true=true)])
+    assert len(figure.axes) == (5 if there else 4)
+    assert (figure.get_figwidth() > 10.0) == there
+
+
 def write_steps(path, *overshoots, coils=("a", "b"), values=("",), **changes):
-    """A file of runs whose depth, 77 mm below the origin, steps by 1 mm at 0.25 s and goes beyond by these shares."""
+    """A file of runs whose depth, 77 mm below the origin, steps by 1 mm at 0.25 s with these overshoots."""
     step = np.where(TIMES > 0.25, 1e-3, 0.0)
     records = []
     for over, value in zip(overshoots, values, strict=True):
@@ -287,7 +338,7 @@ def write_steps(path, *overshoots, coils=("a", "b"), values=("",), **changes):
 
 
 def test_runs_of_several_files_lie_over_one_another(tmp_path):
-    """Each has its colour in every panel, named as its file in the legend; a file may have other coils, and values."""
+    """Each run has its colour in every panel and its file's name in the legend; coils and values may differ."""
     files = [
         write_steps(tmp_path / "before.h5", 0.5),
         write_steps(tmp_path / "after.h5", 0.1, 0.0, coils=("a",), values=("Kc = 2", "Kc = 3")),
@@ -313,21 +364,21 @@ def test_runs_of_several_files_lie_over_one_another(tmp_path):
             np.testing.assert_array_equal(times, TIMES)
             np.testing.assert_allclose(values, run["true"][:, column])
             assert colour == expected
-    # Of the currents the roughest, which rise fastest, come first: before, with two coils, then Kc = 2, Kc = 3.
+    # The roughest currents, with the largest changes, are drawn first: before, with two coils, then Kc = 2 and Kc = 3.
     currents = figure.axes[3].get_lines()
     assert [to_hex(line.get_color()) for line in currents] == [shades[0], shades[0], shades[1], shades[2]]
     assert [line.get_linestyle() for line in currents] == ["-", "--", "-", "-"]
     assert [line.get_ydata()[-1] for line in currents] == [0.5, 1.5, 0.1, 0.0]
     told = "A step of 1 mm in depth: overshoot before 50 %, after, Kc = 2 10 %, after, Kc = 3 0 %"
     assert run_message(runs) == told
-    # Steps of other sizes, and more than four runs, have no overshoots to compare.
+    # Steps of different sizes, and more than four runs, have no overshoots to compare.
     other = runs[0] | {"wanted": 2 * runs[0]["wanted"], "varied": {"run": "other"}}
     assert run_message([*runs, other]).startswith("4 runs")
     assert run_message([*runs, runs[0], runs[1]]).startswith("5 runs")
 
 
 def test_names_of_runs(tmp_path):
-    """Given, or those of the files with their folders where they would be the same."""
+    """Given names, or those of the files, with their folders if the names are equal."""
     (tmp_path / "b").mkdir()
     files = [write_steps(tmp_path / "run.h5", 0.5), write_steps(tmp_path / "b" / "run.h5", 0.1)]
     assert [run["varied"] for run in read_drawn_runs(files)[1]] == [{"run": str(file)} for file in files]

@@ -1,4 +1,4 @@
-"""Recorded runs as pictures: the body stands where it was, the stamp and the colours say when and with what current."""
+"""Recorded runs as pictures: the body at its recorded poses, the stamp, and colours for time and current."""
 
 import sys
 from contextlib import nullcontext
@@ -29,7 +29,7 @@ WINDOW = (320, 192)
 
 
 def signals():
-    """Round a circle of 2 mm, 44 mm below the core, the current rising from 1 to 2 A, a quarter turn about x."""
+    """A circle of 2 mm, 44 mm below the core, with the current rising from 1 to 2 A and a quarter turn about x."""
     angle = 2 * np.pi * TIMES / 30.0
     position = np.column_stack([0.002 * np.cos(angle), 0.002 * np.sin(angle), np.full(301, -0.044)])
     half = 0.25 * np.pi * TIMES / 30.0
@@ -74,7 +74,7 @@ def test_the_outline_of_a_sphere_is_three_circles():
     np.testing.assert_allclose(np.linalg.norm(circles.points, axis=1), 2.0, rtol=0.01)
     in_plane = np.abs(circles.points) < 1e-6
     assert in_plane.any(axis=1).all()
-    # Of the points of one circle the two others share four.
+    # The points of one circle include four of the other two.
     assert (in_plane.sum(axis=0) >= 36).all()
 
 
@@ -84,16 +84,16 @@ def test_a_gif_moves_and_changes_colour(run, tmp_path):
     with Image.open(path) as picture:
         assert picture.n_frames == 3
         assert picture.size == WINDOW
-        # Ten seconds for thirty.
+        # The 30 s take 10 s.
         assert picture.info["duration"] == pytest.approx(1e4 / 3, rel=0.02)
-        # Again and again.
+        # The animation repeats.
         assert picture.info["loop"] == 0
         frames = []
         for k in range(3):
             picture.seek(k)
             frames.append(np.asarray(picture.convert("RGB")).astype(int))
     red, green, blue = np.moveaxis(np.array(frames), -1, 0)
-    # On the left, without the colour bar, the coil; on the right the path.
+    # The coil on the left, without the colour bar; the path on the right.
     coil, near = np.s_[:, :, :130], np.s_[:, :, 160:]
     yellow = ((red > blue + 60) & (green > blue + 60))[coil].sum(axis=(1, 2))
     violet = ((blue > green + 30) & (red > green + 10))[coil].sum(axis=(1, 2))
@@ -106,7 +106,7 @@ def test_a_gif_moves_and_changes_colour(run, tmp_path):
 
 @pytest.fixture
 def crooked():
-    """A run of the crooked machine: 3 s in 7 samples, a quarter turn about x, and a body about its magnet."""
+    """A run of the crooked device: 3 s in 7 samples, a quarter turn about x, and a body about its magnet."""
     time = np.array([1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0])
     position = 1e-3 * np.column_stack([time, -2.0 * time, -20.0 + time])
     half = 0.25 * np.pi * (time - 1.0) / 3.0
@@ -119,7 +119,7 @@ def crooked():
 
 @pytest.fixture
 def watched(crooked, monkeypatch):
-    """watched(**options): for each picture of an animation, what stands in its panels; then what was written."""
+    """watched(**options): for each picture of an animation the content of both panels; then the written frames."""
 
     def draw(run=crooked, only=99, **options):
         frames, told, written = [], [], {}
@@ -166,7 +166,7 @@ def watched(crooked, monkeypatch):
 @needs_opengl
 def test_a_film_shows_the_machine_on_the_left_and_the_body_from_near_on_the_right(watched, crooked):
     left, right, told, written = watched()
-    # Twelve pictures a second of the 3 s that the run takes.
+    # Twelve pictures a second for the 3 s of the run.
     assert (len(left), written["per_second"], written["window"]) == (36, 12.0, (960, 576))
     assert [share for _, share in told] == pytest.approx(np.arange(36) / 36)
     moments = np.searchsorted(crooked.time, np.linspace(1.0, 4.0, 36)).tolist()
@@ -179,7 +179,7 @@ def test_a_film_shows_the_machine_on_the_left_and_the_body_from_near_on_the_righ
         event = "   fell out" if k == 6 else ""
         assert stamp.words == f"t = {crooked.time[k]:6.2f} s   x {x:+.2f}  y {y:+.2f}  z {z:.2f} mm{event}"
         assert stamp.place == pytest.approx((0.03, 0.97))
-        # The magnet, then the body round it, turned about x; on the right the outline of the magnet.
+        # The magnet turned about x, on the right its outline.
         red = [ends for colour, *_, ends in one.looks if colour == MAGNET]
         outline = [ends for colour, _, width, ends in near.looks if colour == MAGNET]
         assert len(red) == len(outline) == 1
@@ -188,7 +188,7 @@ def test_a_film_shows_the_machine_on_the_left_and_the_body_from_near_on_the_righ
         expected = np.array([[x - 2, x + 2], [y - along[1], y + along[1]], [z - along[0], z + along[0]]])
         np.testing.assert_allclose(red[0], expected, atol=0.05)
         np.testing.assert_allclose(outline[0], expected, atol=0.05)
-        # The path so far.
+        # The path up to this time.
         (trail,) = (ends for colour, *_, ends in near.looks if colour == "#d55e00")
         np.testing.assert_allclose(
             trail,
@@ -222,11 +222,11 @@ def test_what_does_not_move_in_a_film(watched, crooked):
         ends[IRON], [[[-10, 30], [27, 33], [40, 50]], [[-35, -25], [-15, -5], [45, 55]]], atol=0.02
     )
     np.testing.assert_allclose(ends[INK], [[[-4, 5], [-6, 2], [-30, -10]]], atol=1e-5)
-    # The body of 12 mm by 9 mm, through which the magnet is seen.
+    # The body, 12 mm wide and 9 mm high, is translucent, so that the magnet is visible.
     (opacity,) = (opacity for one, opacity, *_ in left.looks if one == "#8fa3b5")
     assert 0.1 < opacity < 0.6
     np.testing.assert_allclose(np.ptp(ends["#8fa3b5"][0], axis=1), [12, 12, 9], atol=0.02)
-    # On the right a box about all places of the magnet, its rulers, and the path that was asked for.
+    # On the right a box around all positions of the magnet, its rulers, and the reference path.
     box = next(where for one, *_, where in right.looks if one == INK)
     np.testing.assert_allclose(box, [[-1, 6], [-10, 0], [-24, -11]], atol=0.02)
     (wanted,) = (where for one, *_, where in right.looks if one == "#9aa3ab")
@@ -238,7 +238,7 @@ def test_what_does_not_move_in_a_film(watched, crooked):
 
 @needs_opengl
 def test_a_film_is_ten_seconds_long_at_most_and_one_at_least(watched, crooked):
-    """And says how much faster or slower it goes."""
+    """The caption names the ratio to real time."""
     for end, count, words in (
         (40.0, 120, "\nshown at 4 times real time"),
         (0.5, 12, "\nshown at 0.5 times real time"),
@@ -253,7 +253,7 @@ def test_a_film_is_ten_seconds_long_at_most_and_one_at_least(watched, crooked):
 
 
 def test_what_stands_for_a_body(crooked):
-    """Magnet and body, the body alone as a solid, the magnet alone, or a ball of 1 mm."""
+    """Magnet and translucent body, a solid body alone, the magnet alone, or a ball of 1 mm radius."""
     bare = crooked_device(payload=None)
     for run, sizes, opacities in (
         (crooked, [[4, 4, 10], [12, 12, 9]], [1.0, 0.3]),
@@ -269,7 +269,7 @@ def test_what_stands_for_a_body(crooked):
 
 @pytest.mark.parametrize(("count", "drawn"), [(5, 5), (2000, 2000), (4001, 2000)])
 def test_a_path_is_drawn_with_two_thousand_points_at_most(count, drawn):
-    """Its ends are among them, evenly spread."""
+    """Evenly spread, including both ends."""
     samples = path_samples(SimpleNamespace(time=np.arange(count)))
     assert (len(samples), samples[0], samples[-1]) == (drawn, 0, count - 1)
     assert set(np.diff(samples)) <= {count // drawn, -(-count // drawn)}
@@ -277,7 +277,7 @@ def test_a_path_is_drawn_with_two_thousand_points_at_most(count, drawn):
 
 @needs_opengl
 def test_an_mp4_is_given_whole_frames_of_its_size_at_its_speed(run, tmp_path, monkeypatch):
-    """To a stand-in for the library, which begins when it is sent nothing."""
+    """A stand-in for the library, whose generator starts when it gets None."""
     told, frames = {}, []
 
     def write_frames(path, size, **options):
@@ -296,7 +296,7 @@ def test_an_mp4_is_given_whole_frames_of_its_size_at_its_speed(run, tmp_path, mo
         pytest.approx(0.3),
     )
     assert (told["codec"], told["pix_fmt_out"], told["closed"]) == ("libx264", "yuv420p", 4)
-    # From 0 to 10, of which 5 is usual.
+    # The scale is 0 to 10, and the default 5.
     assert 5 <= told["quality"] <= 9
 
 
@@ -318,7 +318,7 @@ def test_the_command_takes_a_run(run_file, tmp_path):
     path = next(block for block in blocks if TIME in block.array_names)
     np.testing.assert_allclose(path[TIME], TIMES, rtol=1e-6)
     np.testing.assert_allclose(np.hypot(path.points[:, 0], path.points[:, 1]), 2.0, rtol=1e-5)
-    # What was asked of the sensed point, 5 mm above, is drawn where the centre of mass should be.
+    # The reference of the sensed point, 5 mm above, is drawn for the centre of mass.
     heights = {round(float(block.bounds[5]), 3) for block in blocks if block.n_points == 301}
     assert heights == {-44.0}
 

@@ -1,4 +1,4 @@
-"""Scenes: what is drawn has the numbers of the field, and the pictures have content, colours and a colour bar."""
+"""Scenes: their numbers are the field's, and the pictures have content, colours and a colour bar."""
 
 import base64
 import html
@@ -24,7 +24,7 @@ from fieldmap.plot.animation import TIME
 from fieldmap.plot.device_drawing import COPPER, FLUX, IRON, MAGNET
 from fieldmap.plot.field_scenes import IRON_FLUX, field_lines, iron_elements, sampled
 from fieldmap.plot.forces import LEVEL, places_in_box, reachable_axes, shift_surface
-from fieldmap.plot.gather import shown_mesh
+from fieldmap.plot.gather import shown_device, shown_mesh
 from fieldmap.plot.places import box_grid
 from fieldmap.plot.scales import MILLIMETRES, colour_bar, colour_bar_by_decades
 from fieldmap.plot.scenes import SCENES, axes_of, drawn_ranges, make_scene, save_scene
@@ -72,7 +72,7 @@ def shown():
 
 
 def falling(payload):
-    """3 mm down in a second."""
+    """A run: 3 mm down in a second."""
     time = np.linspace(0.0, 1.0, 20)
     position = np.column_stack([0 * time, 0 * time, -0.012 - 0.003 * time])
     upright = np.tile([1.0, 0.0, 0.0, 0.0], (20, 1))
@@ -81,7 +81,7 @@ def falling(payload):
 
 
 def three_ways():
-    """Forces of three coils, 4 mN along z and 0.2 mN along x and y at most, and 1 mN without currents."""
+    """Forces of three coils, at most 4 mN along z and 0.2 mN along x and y, and 1 mN without currents."""
     per_ampere = np.array([[1e-4, 0.0, 1e-3], [0.0, 1e-4, 1e-3], [-1e-4, -1e-4, 2e-3]])
     lower, upper, constant = -np.ones(3), np.ones(3), np.array([0.0, 0.0, 1e-3])
     corners, triangles, volume = zonotope(per_ampere, lower, upper)
@@ -100,7 +100,7 @@ CURRENTS = np.array([1.5, -0.5])
 
 @pytest.fixture
 def crooked():
-    """The crooked machine with everything that a scene may draw, all of it made up; force and weight are along
+    """The crooked device with everything that scenes can draw, all made up; force and weight on the payload are
     0.12 (0.3, -0.65, 2.25) N and -0.098 N along z."""
     device = crooked_device()
     return Shown(
@@ -122,7 +122,7 @@ def crooked():
 
 @pytest.fixture
 def drawn(crooked):
-    """drawn(what, quantity, **other): the scene of the crooked machine."""
+    """drawn(what, quantity, **other): the scene of the crooked device."""
     made = []
 
     def draw(what, quantity="", **other):
@@ -134,10 +134,10 @@ def drawn(crooked):
         scene.close()
 
 
-# Moment pi 0.002^2 0.01 1.2 / mu0 times the gradient of Bz.
+# The moment pi 0.002^2 0.01 1.2 / mu0 times the gradient of Bz.
 FORCE = 0.12 * np.array([0.3, -0.65, 2.25])
 TITLES = {
-    "device": ("", None),
+    "device": ("magnet cylinder of 4 x 10 mm in balance; red arrow: its moment", None),
     "mesh": ("", None),
     "iron": ("", "B in iron, T"),
     "lines": ("", "B, mT"),
@@ -165,7 +165,7 @@ def test_every_scene_has_its_words_and_fills_the_picture(drawn, what):
     assert words.words == f"crooked, 1.5 A\n{legend}".rstrip()
     assert words.place == pytest.approx((0.02, 0.985))
     assert [bar.title for bar in bars_of(scene)] == ([] if title is None else [title])
-    # Without the bar's actor: numbers by colour are those of its title.
+    # Except the bar's own actor, every actor coloured by numbers has the bar's title.
     assert list(drawn_ranges(scene)) == ([] if title is None else [title])
     boxed = [
         one
@@ -183,7 +183,7 @@ def test_every_scene_has_its_words_and_fills_the_picture(drawn, what):
     }
     told = [one.words for one in labels_of(scene)]
     assert [one for one in told if "," in one] == list(axes.get(what, MILLIMETRES))
-    # In the middle, with room for rulers and the bar; upright, from the front and a little from the right and above.
+    # Centred, with room for rulers and the bar; upright, seen from the front, a little from the right and above.
     ends = filled(scene, extent(scene))
     np.testing.assert_allclose(ends.sum(axis=1), 0.0, atol=1e-6)
     assert ends.max() == pytest.approx(1 / (1.4 if what == "shift" else 1.3), abs=1e-6)
@@ -196,6 +196,82 @@ def test_every_scene_has_its_words_and_fills_the_picture(drawn, what):
     near, far = scene.camera.clipping_range
     assert near < np.linalg.norm(towards) < far
     assert scene.window_size == [500, 400]
+
+
+LEANING = fieldmap.PayloadPiece(
+    fieldmap.MagnetCylinder(0.002, 0.001, 1.2), fieldmap.placed([0.001, 0, 0], [0, 90, 0])
+)
+SOFT = fieldmap.PayloadPiece(fieldmap.SoftSphere(0.003, mu_r=1000.0), fieldmap.placed([-0.001, 0, 0]))
+BOX = fieldmap.WorkspaceBox(Crooked.lower, Crooked.upper)
+
+
+@needs_opengl
+@pytest.mark.parametrize(
+    ("workspace", "carried", "legend", "middle", "solids"),
+    [
+        (
+            BOX,
+            {"magnet": fieldmap.MagnetCylinder(0.004, 0.01, 1.2)},
+            "magnet cylinder of 4 x 10 mm in the middle of the workspace; red arrow: its moment",
+            [0.5, -2.0, -20.0],
+            (2, 0),
+        ),
+        (
+            fieldmap.WorkspaceCylinder([0.001, 0.002, -0.03], 0.004, 0.02),
+            {"pieces": [SOFT]},
+            "soft sphere of 3 mm in the middle of the workspace",
+            [0.0, 2.0, -20.0],
+            (0, 1),
+        ),
+        (
+            BOX,
+            {"pieces": [LEANING, SOFT]},
+            "payload in the middle of the workspace; red arrow: its moment",
+            [1.5, -2.0, -20.0],
+            (2, 1),
+        ),
+        (
+            BOX,
+            {"pieces": [LEANING, LEANING]},
+            "payload in the middle of the workspace; red arrows: moments of its magnets",
+            [1.5, -2.0, -20.0],
+            (4, 0),
+        ),
+        (BOX, {"moment": 0.1}, "", None, (0, 0)),
+        (None, {"magnet": fieldmap.MagnetSphere(0.004, 1.2)}, "", None, (0, 0)),
+    ],
+)
+def test_a_device_holds_its_payload_in_the_middle_of_its_workspace(
+    workspace, carried, legend, middle, solids
+):
+    device = crooked_device(bodies=(), workspace=workspace, payload=fieldmap.Payload(0.01, **carried))
+    scene = make_scene(shown_device(device), window=(500, 400))
+    (words,) = words_of(scene)
+    red, grey = solids_of(scene, MAGNET), solids_of(scene, IRON)
+    scene.close()
+    assert words.words == f"A crooked machine\n{legend}".rstrip()
+    assert (len(red), len(grey)) == solids
+    if middle is not None:
+        np.testing.assert_allclose(bounds_of((red or grey)[0]).mean(axis=1), middle, atol=0.01)
+
+
+@needs_opengl
+def test_a_device_without_a_payload_shows_none():
+    scene = make_scene(shown_device(crooked_device(payload=None)), window=(500, 400))
+    assert (words_of(scene)[0].words, solids_of(scene, MAGNET)) == ("A crooked machine", [])
+    scene.close()
+
+
+@needs_opengl
+def test_the_moment_of_a_small_bead_is_seen():
+    """Its arrow is 0.4 of the shortest side of the workspace, 8 mm; that of a large magnet is as long as the magnet."""
+    for diameter, length in ((0.001, 3.2), (0.006, 6.0)):
+        payload = fieldmap.Payload(1e-5, magnet=fieldmap.MagnetSphere(diameter, 1.2), direction="down")
+        scene = make_scene(shown_device(crooked_device(payload=payload)), window=(500, 400))
+        ball, arrow = (bounds_of(one)[2] for one in solids_of(scene, MAGNET))
+        scene.close()
+        np.testing.assert_allclose(ball, [-20.0 - 500 * diameter, -20.0 + 500 * diameter], atol=0.01)
+        np.testing.assert_allclose(arrow, [ball[0] - length, ball[0]], atol=0.01)
 
 
 @needs_opengl
@@ -217,7 +293,7 @@ def test_a_picture_is_as_large_as_its_letters_are_made_for(crooked):
 @pytest.mark.parametrize("what", ["slices", "difference"])
 def test_slices_through_the_middle_and_on_the_floor(drawn, what, quantity, title, of):
     scene = drawn(what, quantity)
-    # A difference has the unit that fits: some tenths of a tesla, some tesla per metre.
+    # A difference has the fitting unit: here T and T/m.
     title, unit = (f"d {title.replace(', mT', ', T')}", 1.0) if what == "difference" else (title, 1e3)
     planes = [one for one in solids_of(scene) if one.mapper.array_name == title]
     assert [one.mapper.dataset.dimensions for one in planes] == [(1, 61, 61), (61, 1, 61), (61, 61, 1)]
@@ -227,7 +303,7 @@ def test_slices_through_the_middle_and_on_the_floor(drawn, what, quantity, title
         np.testing.assert_allclose(plane.mapper.dataset[title], expected, rtol=1e-5)
         assert not plane.prop.lighting
     assert bool(solids_of(scene, "white")) == (what == "slices" and quantity == "B")
-    # What arrows mean is said where there are any.
+    # The legend explains arrows if there are any.
     assert ("arrows" in words_of(scene)[0].words) == bool(solids_of(scene, "white"))
     values = np.concatenate([plane.mapper.dataset[title] for plane in planes])
     assert drawn_ranges(scene)[title] == pytest.approx([values.min(), values.max()])
@@ -235,7 +311,7 @@ def test_slices_through_the_middle_and_on_the_floor(drawn, what, quantity, title
 
 @needs_opengl
 def test_surfaces_lie_at_round_values(drawn):
-    """Bz from 1.5 (-0.3 + ...) - 0.5 (...): the labels of the bar, from -540 to -460 mT by 20 mT, and half-way."""
+    """Bz = 1.5 (-0.3 + ...) - 0.5 (...): surfaces at the labels of the bar and half-way between."""
     scene = drawn("surfaces", "Bz")
     (surface,) = [one for one in solids_of(scene) if one.mapper.array_name == "Bz, mT"]
     data = surface.mapper.dataset
@@ -253,7 +329,7 @@ def test_surfaces_lie_at_round_values(drawn):
 
 
 def probed(shown, lower, upper):
-    """x, y and z of the places at which lines ask for the field."""
+    """x, y and z of the points where lines evaluate the field."""
     places = []
 
     class Probe(Crooked):
@@ -270,7 +346,7 @@ def test_lines_begin_in_the_middle_of_the_box_and_stay_in_it(drawn, crooked):
     scene = drawn("lines")
     assert solids_of(scene, IRON) == []
     lines = field_lines(crooked)
-    # Of a grid as fine along all sides: 48 points along the longest one, and 8 at least.
+    # On a grid of equal spacing: 48 points along the longest side, and at least 8.
     asked = [len(np.unique(one)) for one in probed(crooked, Crooked.lower, Crooked.upper)]
     assert asked == [22, 20, 48]
     thin = np.array([0.005, -0.0055, -0.01])
@@ -287,7 +363,7 @@ def test_lines_begin_in_the_middle_of_the_box_and_stay_in_it(drawn, crooked):
     np.testing.assert_allclose(lines[FLUX], flux, rtol=1e-4)
     (tubes,) = [one for one in solids_of(scene) if one.mapper.array_name == FLUX]
     off = bounds_of(tubes) - np.reshape(lines.bounds, (3, 2))
-    # As thin as 0.15 % of their extent.
+    # The radius is 0.15 % of the largest extent.
     assert np.abs(off).max() == pytest.approx(0.0015 * 20.0, rel=0.05)
     assert not tubes.prop.lighting
     (bar,) = bars_of(scene)
@@ -299,7 +375,7 @@ def test_lines_begin_in_the_middle_of_the_box_and_stay_in_it(drawn, crooked):
 
 @needs_opengl
 def test_lines_of_a_solution_run_round_the_machine_with_colours_by_decades(drawn, crooked):
-    """In the box of workspace and iron, and 15 % of it beyond each side; iron and coils are translucent."""
+    """In the box of workspace and iron, plus 15 % of it on each side; iron and coils are translucent."""
     scene = drawn("lines", everywhere=True)
     around = np.array([[-4.0, 10.0], [-6.0, 20.0], [-60.0, 30.0]])
     around += 0.15 * np.ptp(around, axis=1)[:, None] * [-1.0, 1.0]
@@ -310,12 +386,12 @@ def test_lines_of_a_solution_run_round_the_machine_with_colours_by_decades(drawn
     assert (ends[:, 1] < around[:, 1] + 1e-3).all()
     (bar,) = bars_of(scene)
     assert np.log10(bar.range) == pytest.approx(np.round(np.log10(bar.range)))
-    # Rulers are in ink; of what is solid, all but these lets the lines be seen.
+    # All iron and copper is translucent.
     through = [one.prop.opacity for one in solids_of(scene, IRON) + solids_of(scene, COPPER)]
     assert len(through) == 4
     assert max(through) <= 0.3
     assert not [one for one in scene.actors.values() if "Billboard" in type(one).__name__]
-    # The far end of a line takes no more than four decades.
+    # Weak fields far away do not extend the scale beyond five decades.
     weak = replace(crooked, field=Harmonic(0.0, 0.0, 1.0), currents=np.ones(1), everywhere=True, device=None)
     other = make_scene(weak, "lines", window=(500, 400))
     low, high = bars_of(other)[0].range
@@ -335,7 +411,7 @@ def test_elements_of_iron(drawn):
     assert sorted(coloured.mapper.dataset[IRON_FLUX]) == pytest.approx([0.5] * 3 + [1.3] * 3)
     assert not coloured.prop.lighting
     assert drawn_ranges(flux) == {IRON_FLUX: pytest.approx([0.5, 1.3])}
-    # Of six faces the 99.5th percentile lies 2.5 % below the largest.
+    # The 99.5th percentile of six faces would be 2.5 % below the largest.
     spiked = drawn("iron", flux_density=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
     assert bars_of(spiked)[0].range == pytest.approx((0.0, 1.0))
 
@@ -352,7 +428,7 @@ def test_arrows_of_forces_stand_in_layers(drawn, what, expected):
     size = np.linalg.norm(expected)
     np.testing.assert_allclose(arrows.mapper.dataset[arrows.mapper.array_name], 1e3 * size, rtol=1e-6)
     each = np.asarray(data_of(arrows).points, float).reshape(147, -1, 3)
-    # Three layers of seven by seven; the longest as long as 1.3 times the least distance, 9 mm / 7.
+    # Three layers of seven by seven; the longest arrow is 1.3 times the least distance, 9 mm / 7.
     reach = np.ptp(each @ expected / size, axis=1)
     np.testing.assert_allclose(reach, 1.3 * 9 / 7, rtol=1e-4)
     along = each @ expected / size
@@ -411,7 +487,7 @@ def test_what_coils_reach_is_a_solid_with_arrows_of_each(drawn, crooked):
         points = np.asarray(arrow.mapper.dataset.points)
         np.testing.assert_allclose(points[np.argmax(points @ (tip - [0, 0, 1.0]))], tip, atol=1e-4)
         np.testing.assert_allclose(labels[name].place, [0, 0, 1.0] + 1.12 * (tip - [0, 0, 1.0]), atol=1e-4)
-    # A ball where the weight of 98 mN is carried, words a twentieth of the size above its centre.
+    # A ball at the force that carries the weight of 98 mN; its label is a twentieth of the size above.
     (ball,) = solids_of(scene, MAGNET)
     weight = np.array([0.0, 0.0, 98.0665])
     np.testing.assert_allclose(bounds_of(ball), weight[:, None] + 0.014 * size * np.array([-1, 1]), atol=2e-3)
@@ -422,7 +498,7 @@ def test_what_coils_reach_is_a_solid_with_arrows_of_each(drawn, crooked):
             [],
             [],
         )
-    # What has no upper limit is shown at its lower one, what makes nothing not at all.
+    # A coil with an upper limit of zero is drawn at its lower limit, a coil without effect is not drawn.
     downward = replace(
         made, upper=np.array([0.0, 1.0, 1.0]), per_ampere=made.per_ampere * np.array([[1.0], [1.0], [1e-9]])
     )
@@ -438,7 +514,7 @@ def test_what_coils_reach_is_a_solid_with_arrows_of_each(drawn, crooked):
     + [(0.0099, 100), (0.00499, 200), (0.00199, 500), (0.00101, 500), (0.0, 500)],
 )
 def test_thin_sets_are_drawn_wider_by_round_numbers(share, times):
-    """The extent along y is a share of that along x, 0.04 N; along z it is as long."""
+    """Extents of 0.04 N along x and z, and of a share of that along y."""
     found = SimpleNamespace(
         vertices=np.array([[0.0, 0.0, 0.0], [0.04, 0.04 * share, 0.04]]), quantity="field", unit="T"
     )
@@ -455,7 +531,7 @@ def test_the_path_of_a_run_and_its_end(drawn):
     wanted = next(one for one in solids_of(scene, INK) if one.mapper.dataset.n_points == 20)
     np.testing.assert_allclose(bounds_of(wanted), bounds_of(path))
     assert wanted.prop.line_width < path.prop.line_width
-    # The magnet of 4 mm by 10 mm, 15 mm below, as edges.
+    # The magnet of 4 mm by 10 mm, 15 mm below the sensed point, as edges.
     (magnet,) = solids_of(scene, MAGNET)
     np.testing.assert_allclose(bounds_of(magnet), [[-2, 2], [-2, 2], [-20, -10]], atol=0.01)
     assert magnet.mapper.dataset.n_lines
@@ -472,7 +548,7 @@ def test_a_thin_set_is_drawn_wider_and_says_so(crooked):
     drawn = np.array(solid.bounds).reshape(3, 2)
     corners = 1e3 * np.array([20.0, 20.0, 1.0]) * found.vertices
     np.testing.assert_allclose(drawn.T, [corners.min(axis=0), corners.max(axis=0)], rtol=1e-5)
-    # Wider, but not wider than high.
+    # Wider, but at most as wide as high.
     assert (np.ptp(drawn, axis=1) / np.ptp(drawn[2]) > 0.4).all()
     assert np.ptp(drawn, axis=1).max() == np.ptp(drawn[2])
 
@@ -484,7 +560,7 @@ def test_a_flat_set_is_refused(crooked):
 
 
 def tilted_plane():
-    """x = 20 mm times the x signal, the current rising with y; no place for one corner."""
+    """x = 20 mm times the x signal, with the current rising with y, and one corner missing."""
     x, y = np.linspace(-0.3, 0.3, 5), np.linspace(-0.2, 0.2, 4)
     positions = np.zeros((5, 4, 3))
     positions[..., 0] = 0.02 * x[:, None]
@@ -504,7 +580,7 @@ def simple():
 
 
 def coloured(image):
-    """Share of the picture that is neither white nor grey."""
+    """Share of the pixels that are neither white nor grey."""
     return float(np.mean(image.max(axis=2) - image.min(axis=2) > 40))
 
 
@@ -520,7 +596,7 @@ def test_every_scene_has_content(shown, what, tmp_path):
     if bars:
         assert bars[0].strip().endswith(("T", "mN", "uN", "mT/m", " A", " s"))
         assert coloured(image) > 0.005
-        # The colour bar stands on the right, where the scene does not reach.
+        # The colour bar is on the right, outside the scene.
         right = image[:, int(0.86 * image.shape[1]) :]
         assert coloured(right) > 0.02
 
@@ -585,17 +661,17 @@ def test_field_lines_follow_the_field(simple):
 
 
 def test_colour_bars_have_round_limits():
-    """About the smallest and the largest, whatever is not known; a label at each step between them, with the decimals
-    that it needs."""
+    """Limits around the smallest and largest known value; a label at each step between, with the decimals that
+    it needs."""
     for bar, values, limits, labels, form in [
         (colour_bar, [3.1, np.nan, 11.7], (2.0, 12.0), 6, "%.0f"),
         (colour_bar, [-0.31, 0.29], (-0.4, 0.3), 8, "%.1f"),
         (colour_bar, [20.0, 26.0], (20.0, 26.0), 7, "%.0f"),
-        # Of one value: a thousandth of it, or of the unit, above it.
+        # A constant: the upper limit is a thousandth of it, or of the unit, above.
         (colour_bar, [500.0, 500.0], (500.0, 500.5), 6, "%.1f"),
         (colour_bar, [-500.0, -500.0 + 1e-11], (-500.0, -499.5), 6, "%.1f"),
         (colour_bar, [0.0, 0.0], (0.0, 1e-3), 6, "%.4f"),
-        # Numbers of their own, however small.
+        # The scale follows the numbers, however small.
         (colour_bar, [0.0, 5.9e-9], (0.0, 6e-9), 7, "%.9f"),
         (colour_bar_by_decades, [0.3, 800.0], (0.1, 1000.0), 5, "%g"),
         (colour_bar_by_decades, [0.02, 0.03], (0.01, 0.1), 2, "%g"),
@@ -668,19 +744,19 @@ def points_of(described):
 
 @needs_opengl
 def test_a_page_holds_the_scene_its_words_and_the_titles_of_its_axes(drawn, tmp_path, monkeypatch):
-    """With the numbers that the scene shows, seen in perspective, turned about its middle."""
+    """The page has the scene's numbers, is in perspective, and rotates about its middle."""
     pytest.importorskip("trame_vtk")
     from trame_vtk.tools import vtksz2html
 
     packed, write = [], vtksz2html.write_html
     monkeypatch.setattr(vtksz2html, "write_html", lambda data, page: packed.append(data) or write(data, page))
     scene = drawn("shift")
-    title, titles = 'where "it" <rests>\\', ("one, %", "two, %", "50 three, mm")
+    title, titles = 'where "it"\n<rests>\\', ("one, %", "two, %", "50 three, mm")
     axes = ("one, %", "two, %", "three, mm"), (1, 1, 50)
     text = save_scene(scene, tmp_path / "new" / "shift.html", title, axes).read_text()
-    words = "where 'it'  rests>\\A drag: turn; wheel: zoom; shift and drag: move"
+    words = "where 'it'\\A  rests>\\A drag: turn; wheel: zoom; shift and drag: move"
     assert f'content: "{words}"' in text
-    assert re.findall("<title>(.*?)</title>", text) == [html.escape(title)]
+    assert re.findall("<title>(.*?)</title>", text, re.DOTALL) == [html.escape(title)]
     assert scene.camera.parallel_projection is False
     with zipfile.ZipFile(io.BytesIO(packed[0])) as archive:
         told = json.loads(archive.read("index.json"))
@@ -715,14 +791,14 @@ def test_a_page_for_a_browser(crooked, tmp_path):
     words = [browser, *flags.split(), f"--screenshot={picture}", path.as_uri()]
     subprocess.run(words, capture_output=True, timeout=120, check=True)
     image = pixels_of(picture)
-    # The sphere in the middle and the colour bar on the right, in colours.
+    # The sphere in the middle and the colour bar on the right have colours.
     assert coloured(image) > 0.005
     assert coloured(image[:, 600:]) > 0.002
 
 
 @needs_opengl
 def test_the_command(tmp_path, capsys, monkeypatch):
-    # Smoothed edges take three quarters of the time of drawing.
+    # Smoothing edges takes three quarters of the drawing time.
     monkeypatch.setattr(pv.Plotter, "enable_anti_aliasing", lambda *_, **__: None)
     path, words = tmp_path / "new" / "loop.png", ["show", "loop_and_sphere", "--refinement", "0.5", "--save"]
     assert main([*words, str(path), "--what", "iron", "--currents", "2"]) == 0

@@ -1,4 +1,4 @@
-"""Slices and lines in Axes: what is drawn is the field, where it is asked for."""
+"""Slices and lines in Axes: the drawn values are the field's at the requested places."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def test_a_slice_is_drawn_into_the_axes_given_and_returns_them(ax):
     np.testing.assert_allclose(ax.get_ylim(), [-40.0, 60.0], rtol=0.02)
     bar = ax.figure.axes[1]
     assert bar.get_ylabel() == "size of B (mT)"
-    # |B| in the plane reaches 2 |(x, -2 z)| at the corner (20, 60) mm, a half cell within.
+    # |B| in the plane reaches 2 |(x, -2 z)| at the corner (20, 60) mm, less half a cell.
     assert 240.0 <= bar.get_ylim()[1] <= 300.0
 
 
@@ -49,7 +49,7 @@ def test_planes_and_components(ax, normal, labels, component, range_mT):
     assert (ax.get_xlabel(), ax.get_ylabel()) == labels
     assert ax.get_title() == f"plane {normal} = 10 mm"
     low, high = ax.figure.axes[1].get_ylim()
-    # Levels are round numbers around what there is.
+    # Levels are round numbers around the values.
     assert low <= range_mT[0] * 0.9
     assert high >= range_mT[1] * 0.9
     assert ax.collections[0].get_array().min() >= low - 1e-9
@@ -97,7 +97,7 @@ def test_a_slanted_line_is_over_its_length(ax):
 
 
 def test_colours_have_round_levels_and_the_bar_numbers_at_every_fifth(ax):
-    """Bz = -2 z from -118.77 to 78.77 mT, the middles of 81 cells: steps of 50 mT, in fifths."""
+    """Bz = -2 z from -118.77 to 78.77 mT at the centres of 81 cells: steps of 50 mT, divided by five."""
     field_slice(LINEAR, [1.0], component="Bz", ax=ax)
     contours, (_, bar) = ax.collections[0], ax.figure.axes
     np.testing.assert_allclose(contours.levels, np.arange(-150.0, 101.0, 10.0), atol=1e-9)
@@ -116,7 +116,7 @@ def test_one_colour_has_a_bar_of_one_step(ax, flux, levels):
 
 
 def test_what_a_slice_of_forces_says(ax):
-    """White arrows of 9 by 13 places, the longest in the title; red where lift is weight, here and on the bar."""
+    """White arrows at 9 by 13 places, the longest in the title; red where lift is the weight, here and on the bar."""
     mass, moment, carried = 0.01, 0.3, 0.03
     current = mass * GRAVITY / (2.0 * carried * moment)
     force_slice(RISING, [current], payload=fm.Payload(mass=mass, moment=moment), at=0.01, normal="x", ax=ax)
@@ -124,7 +124,7 @@ def test_what_a_slice_of_forces_says(ax):
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("y (mm)", "z (mm)")
     bar = ax.figure.axes[1]
     assert bar.get_ylabel() == "lift / weight"
-    # From -40 to 60 mm lift is -1.31 to 1.98 times the weight.
+    # From -40 to 60 mm the lift is -1.31 to 1.98 times the weight.
     assert shaded.levels[[0, -1]] == pytest.approx([-2.0, 2.0])
     (mark,) = bar.lines
     assert list(mark.get_ydata()) == [1.0, 1.0]
@@ -134,7 +134,7 @@ def test_what_a_slice_of_forces_says(ax):
     assert np.unique(arrows.Y) == pytest.approx(-40 + (np.arange(13) + 0.5) / 13 * 100)
     np.testing.assert_allclose(arrows.get_facecolor(), [[1.0, 1.0, 1.0, 1.0]])
     assert 0.003 < arrows.width < 0.02
-    # At the lowest row, z = -36.2 mm, the weight and as much again; |F| with its part along x and y.
+    # The lowest row, z = -36.2 mm, has the largest net force.
     x, y, z = 0.01, 1e-3 * np.abs(arrows.X).max(), -0.04 + 0.1 * 0.5 / 13
     by_hand = mass * GRAVITY / carried * np.linalg.norm([0.5 * x, 0.5 * y, z - carried])
     assert ax.get_title() == f"arrows: net force, up to {1e3 * by_hand:.2g} mN"
@@ -143,7 +143,7 @@ def test_what_a_slice_of_forces_says(ax):
 def test_forces_that_nowhere_carry_have_no_red_line_and_small_ones_micronewtons(ax):
     payload = fm.Payload(mass=1e-6, moment=1e-6)
     force_slice(RISING, [1.0], payload=payload, ax=ax)
-    # Of a hundredth of the weight at most.
+    # The force is at most a hundredth of the weight.
     assert [type(one).__name__ for one in ax.collections] == ["QuadContourSet", "Quiver"]
     assert ax.figure.axes[1].lines[:] == []
     assert ax.get_title() == "arrows: net force, up to 9.9 µN"
@@ -195,7 +195,7 @@ def test_what_a_sensor_sees_of_a_dipole_in_a_plane(ax):
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("x (mm)", "z (mm)")
     contours, scale = ax.collections[0], 1e-7 * 0.8
     for x, z in ((-4.1, 6.3), (7.7, 12.9), (2.0, 17.7)):
-        # From the sensor, m.
+        # Relative to the sensor, m.
         a, c = 1e-3 * x - place[0], 1e-3 * z - place[2]
         d = np.hypot(a, c)
         read = (3 * c**2 - d**2) / d**5
@@ -206,5 +206,5 @@ def test_what_a_sensor_sees_of_a_dipole_in_a_plane(ax):
         step = contours.levels[1] - contours.levels[0]
         assert contours.levels[hit] - 0.05 * step <= value <= contours.levels[hit + 1] + 0.05 * step
     with pytest.raises(InputError):
-        # One sensor tells no place.
+        # One sensor does not determine a position.
         sensing_slice(interpolate(data), dipole, noise, ax=Figure().add_subplot())

@@ -1,4 +1,4 @@
-"""Windings, bodies and pieces of payloads against volumes and extents known in closed form."""
+"""Windings, bodies and pieces of payloads against volumes and extents in closed form."""
 
 import numpy as np
 import pytest
@@ -55,7 +55,7 @@ def one_body(*parts):
 def test_volume_and_place_of_shapes(shape, volume, ends):
     device, body = one_body(Part(shape, TURN))
     surface = body_surface(device, body)
-    # Circles are polygons of 96 sides: 0.07 % less area, the sphere's coarser meridian 0.4 %.
+    # Circles are polygons of 96 sides: 0.07 % less area; the sphere's meridian is coarser: 0.4 %.
     assert abs(surface.volume) == pytest.approx(volume, rel=5e-3)
     upright = body_surface(*one_body(Part(shape)))
     np.testing.assert_allclose(upright.bounds, ends, atol=0.02)
@@ -94,14 +94,14 @@ def test_windings_stand_about_their_place():
     ring = fm.CircularCoil("c", 0.006, 0.010, 0.008, 100).moved([0.03, 0.01, 0.02])
     np.testing.assert_allclose(winding_surface(ring).bounds, [20, 40, 0, 20, 16, 24], atol=0.01)
     frame = fm.RoundedRectangleCoil("c", 0.009, 0.006, 0.004, 0.002, 0.012, 50, placement=TURN)
-    # Along x lies its axis, along z its x.
+    # The frame's axis is along x, and its x axis along z.
     np.testing.assert_allclose(winding_surface(frame).bounds, [4, 16, 13, 27, -40, -20], atol=0.01)
 
 
 def test_a_path_with_an_inward_corner():
     """Pappus: the volume is the section times the length of the middle line."""
     coil = fm.PathCoil("c", 2 * L_SHAPE, 0.004, 0.004, 0.01, 10)
-    # Six corners of a right angle, each replacing 2 r by pi r / 2.
+    # Six right-angled corners, each replacing 2 r by pi r / 2.
     length = 2 * (60 + 60) - 6 * (2 - np.pi / 2) * 4
     assert abs(winding_surface(coil).volume) == pytest.approx(length * 4 * 10, rel=1e-3)
 
@@ -111,7 +111,7 @@ def test_the_arrow_of_a_sensor_ends_in_its_place_and_points_along_its_axis():
     points = np.asarray(sensor_arrow(sensor, 6.0).points, float) - [10.0, -20.0, 30.0]
     along = points @ np.array([2.0, -1.0, 2.0]) / 3.0
     assert (along.min(), along.max()) == pytest.approx((-6.0, 0.0), abs=1e-5)
-    # The tip is a point; the cone behind it is wider than the shaft.
+    # The tip is a point; the cone is wider than the shaft.
     across = np.linalg.norm(points - along[:, None] * np.array([2.0, -1.0, 2.0]) / 3.0, axis=1)
     assert across[along > -1e-5] == pytest.approx(0.0, abs=1e-5)
     assert across[along > -3.0].max() > 2.0 * across[along < -5.0].max()
@@ -124,8 +124,8 @@ def test_the_arrow_follows_the_current():
         coil = fm.RoundedRectangleCoil("c", 0.016, 0.016, 0.015, 0.01, 0.039, 840, polarity, place)
         arrow = current_arrow(coil)
         x_min, _, y_min, y_max, *_ = arrow.bounds
-        assert x_min > 44  # on the side that faces away from the axis
-        # The cone is wider than the shaft and stands at the end where the current goes to: +y there.
+        assert x_min > 44  # on the side far from the axis
+        # The cone is wider than the shaft, and is at the end in the current's direction: +y there.
         heights = arrow.points[np.abs(arrow.points[:, 2]) > 2.5]
         assert len(heights)
         assert np.sign(heights[:, 1].mean() - 0.5 * (y_min + y_max)) == polarity
@@ -133,8 +133,8 @@ def test_the_arrow_follows_the_current():
 
 @pytest.mark.parametrize("sense", [1, -1])
 def test_the_arrow_of_a_current_covers_three_tenths_of_the_turn_about_its_outermost_place(sense):
-    """0.6 mm off a ring of 10 mm at (30, 40) mm, in the middle of its height of 20 mm; the cone of 0.216 of the height
-    stands half of that beyond the end of the path."""
+    """0.6 mm off a ring of 10 mm radius at (30, 40) mm, at half its height of 20 mm; the cone, 0.216 of the height
+    long, extends by half its length beyond the end of the path."""
     ring = fm.CircularCoil("c", 0.006, 0.010, 0.020, 100).moved([0.03, 0.04, 0.05])
     points = np.asarray(current_arrow(ring, sense).points, float) - [30.0, 40.0, 50.0]
     angle = np.rad2deg(np.arctan2(points[:, 1], points[:, 0])) - np.rad2deg(np.arctan2(40.0, 30.0))
@@ -148,11 +148,11 @@ def test_the_arrow_of_a_current_covers_three_tenths_of_the_turn_about_its_outerm
 
 
 def test_an_arrow_along_straight_sides_covers_as_much_of_their_length():
-    """A frame of 9 mm by 3 mm with corners of 1 mm: the turn 0.6 mm off its winding is 50.1 mm long."""
+    """A frame of 9 mm by 3 mm with corners of 1 mm: 0.3 of the turn 0.6 mm off its winding, 53.2 mm long."""
     frame = fm.RoundedRectangleCoil("c", 0.009, 0.003, 0.001, 0.001, 0.004, 50).moved([0.0, 0.05, 0.0])
     turn = 4 * (8 + 2) + 2 * np.pi * (1 + 0.5 + 0.6)
     points = np.asarray(current_arrow(frame).points, float) - [0.0, 50.0, 0.0]
-    # From the middle of the corner at (9, 3) that is as far away as the other one, first to the right or to the left.
+    # About the middle of the corner at (9, 3), the first of the equally distant corners.
     assert np.ptp(points[:, 0]) + np.ptp(points[:, 1]) == pytest.approx(0.3 * turn, rel=0.2)
     assert points[:, 1].max() == pytest.approx(3 + 0.5 + 0.6, abs=0.4)
 
@@ -175,7 +175,7 @@ def test_outlines_of_workspaces():
     np.testing.assert_allclose(box.bounds, [-10, 30, 20, 80, -70, -30])
     drum = workspace_outline(fm.WorkspaceCylinder(np.array([0.01, -0.02, -0.05]), 0.008, 0.03))
     np.testing.assert_allclose(drum.bounds, [2, 18, -28, -12, -50, -20], atol=0.02)
-    # Two rims, whose points lie on them.
+    # All points are on the two rims.
     assert set(np.asarray(drum.points)[:, 2].round(6)) == {-50.0, -20.0}
     np.testing.assert_allclose(np.hypot(drum.points[:, 0] - 10, drum.points[:, 1] + 20), 8.0, rtol=1e-5)
     assert drum.compute_cell_sizes()["Length"].sum() == pytest.approx(4 * np.pi * 8, rel=5e-3)
@@ -212,7 +212,7 @@ PAYLOAD = fm.Payload(
 
 def test_surfaces_of_pieces():
     surface = payload_surface(PAYLOAD)
-    # The ellipsoid lies along y, 3 to 5 mm above the centre; the cylinder stands below it.
+    # The ellipsoid is along y, 3 to 5 mm above the centre; the cylinder is below it.
     np.testing.assert_allclose(surface.bounds, [-1, 1, -3, 3, -4, 5], atol=0.03)
     assert payload_surface(fm.Payload(1e-3, moment=0.1)) is None
     scene = pv.Plotter(off_screen=True)
@@ -221,7 +221,7 @@ def test_surfaces_of_pieces():
 
 
 def test_arrows_are_the_force_on_the_pieces():
-    """In B = B0 + G x of 0.1 T and 1 T/m."""
+    """In B = B0 + G x with 0.1 T and 1 T/m."""
     sphere, field = fm.Payload(1e-3, pieces=[fm.SoftSphere(4e-3, mu_r=1e8)]), Harmonic(0.1, 1.0, 0.0)
     force = upright_force(field, [1.0], sphere, np.zeros((1, 3)))
     exact = np.pi * 4e-3**3 / 2 / (4e-7 * np.pi) * 0.1

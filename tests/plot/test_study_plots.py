@@ -1,4 +1,4 @@
-"""The plot of a study shows the numbers of its data set: every line, in printed units, with units on the axes."""
+"""The plot of a study shows all numbers of its data set, in printed units, with units on the axes."""
 
 import warnings
 
@@ -10,14 +10,14 @@ from fieldmap.plot.studies import save_study_plot, study_figure, study_message
 from fieldmap.studies.quantities import QUANTITIES
 
 with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # of its own imports
+    warnings.simplefilter("ignore")  # warnings of its own imports
     import xarray
 
 AREA = next(quantity for quantity in QUANTITIES if quantity.name == "equilibrium_area")
 
 
 def data_set(*axes):
-    """Areas of 1, 2, 3 ... mm2 over the axes (name, values), and something that is not a summary."""
+    """Areas of 1, 2, 3 ... mm2 over the axes (name, values), and a variable that is no summary."""
     coords = {name: (name, np.array(values), {"units": "mm"}) for name, values in axes}
     names = tuple(coords)
     shape = tuple(len(values) for _, values in axes)
@@ -67,7 +67,7 @@ def test_nothing_to_draw(tmp_path):
 
 
 def values_of(names, axes, **attrs):
-    """A data set of these summaries over the axes (name, values, unit), each 1, 2, 3 ... times a power of ten."""
+    """A data set of these summaries over the axes (name, values, unit): 1, 2, 3 ... times a power of ten."""
     coords = {name: (name, np.array(values), {"units": unit}) for name, values, unit in axes}
     shape = tuple(len(values) for _, values, _ in axes)
     variables = {
@@ -82,7 +82,7 @@ def of(*names):
 
 
 def test_every_summary_has_a_label_and_its_printed_unit():
-    """With the factor of its unit: areas in mm², lengths in mm, fields in mT ..."""
+    """With the factor of its unit: areas in mm², lengths in mm, shares in % ..."""
     expected = {
         "common_current": ("mean current (A)", 1.0),
         "equilibrium_x": ("equilibrium $x$ (mm)", 1e3),
@@ -152,14 +152,14 @@ def test_colour_kind_of_line_and_mark_of_three_varied_keys():
             colour, kind, mark = looks[f"t {t} mm, gap {gap}"]
             np.testing.assert_allclose(colour, shades[k])
             assert (kind, mark) == (["-", "--", ":", "-."][j % 4], "osD^v"[j])
-    # With one key beside the abscissa, colour and kind of line tell together.
+    # With one more key, colour and line style both show its value.
     (panel,) = study_figure(values_of(["common_current"], [axes[0], axes[1]]), of("common_current")).axes
     np.testing.assert_allclose([line.get_color() for line in panel.lines], shades)
-    # One line needs no legend.
+    # A single line needs no legend.
     alone = study_figure(values_of(["common_current"], [axes[0]]), of("common_current"))
     assert alone.legends == []
     np.testing.assert_allclose(alone.axes[0].lines[0].get_color(), shades[0])
-    # Of six marks after five the first again.
+    # The sixth mark is the first again.
     six = [axes[0], ("t", [1.0, 2.0, 3.0, 4.0, 5.0, 6.0], "mm")]
     (panel,) = study_figure(values_of(["common_current"], six), of("common_current")).axes
     assert [line.get_marker() for line in panel.lines] == list("osD^vo")
@@ -216,7 +216,7 @@ def test_the_message_says_where_the_first_summary_is_least():
 
 @pytest.mark.parametrize(("size", "drawn"), [(1.1e-12, True), (0.9e-12, False), (np.nan, False)])
 def test_what_is_rounding_alone_is_not_drawn(size, drawn, tmp_path):
-    """A millionth of what is printed, mm²; nor is a summary with axes of its own."""
+    """A millionth of the printed unit, mm², is rounding; nor is a summary on axes of its own drawn."""
     data = values_of(
         ["equilibrium_area", "surface_faces"], [("radius", [1.0, 2.0], "mm"), ("currents", ["a"], "")]
     )

@@ -1,4 +1,4 @@
-"""The look of all pictures: colours told apart by the colour-blind and seen on their paper, light and dark alike."""
+"""The style of all pictures: colours are distinct for the colour-blind and visible on light and dark backgrounds."""
 
 from itertools import combinations
 
@@ -60,7 +60,7 @@ def lab(rgb):
 
 
 def contrast(one, other):
-    """WCAG 2.1."""
+    """The contrast ratio of WCAG 2.1."""
     light = sorted((TO_XYZ[1] @ linear(colour) for colour in (one, other)), reverse=True)
     return (light[0] + 0.05) / (light[1] + 0.05)
 
@@ -71,7 +71,7 @@ DARK_COLOURS = tuple(to_hex(dark_colour(colour)) for colour in COLOURS)
 @pytest.mark.parametrize("eye", SEEN)
 @pytest.mark.parametrize("colours", [COLOURS, DARK_COLOURS], ids=["light", "dark"])
 def test_the_colour_blind_tell_series_apart(colours, eye):
-    """The first five, which is what figures have at most in the place of a legend beside them."""
+    """The first five colours, the most that figures have without a legend."""
     seen = [lab(np.reshape(SEEN[eye], (3, 3)) @ linear(colour)) for colour in colours[:5]]
     assert min(np.linalg.norm(one - other) for one, other in combinations(seen, 2)) > 10.0
 
@@ -121,7 +121,7 @@ def test_a_figure_goes_into_the_dark_and_comes_back():
 
 
 def test_a_heading_has_its_message_above_its_title():
-    """In bold above as many lines as the title has; a long one is broken in two lines of about one length."""
+    """In bold above the title for any number of lines; a long message is broken into two lines of similar length."""
     short, long = "i" * 68, " ".join(14 * ["iiii"])
     for message, title, lines in (
         ("", "t", 0),
@@ -144,7 +144,7 @@ def test_a_heading_has_its_message_above_its_title():
         assert len(broken) == lines
         assert max(map(len, broken)) <= 68
         if lines == 2:
-            # Evenly: neither line is half as long as the other.
+            # Evenly: neither line is shorter than 0.6 of the other.
             assert min(map(len, broken)) > 0.6 * max(map(len, broken))
         assert (words.get_fontweight(), words.get_fontsize(), to_hex(words.get_color())) == ("bold", 10, INK)
         figure.draw_without_rendering()
@@ -160,13 +160,13 @@ def test_a_heading_has_its_message_above_its_title():
         ("#0072B2", "#4fa3e3"),
         ("#D55E00", "#ef7d3b"),
         ("#000000", "#ffffff"),
-        # Greys by their distance from the paper: ink and darker, paper, and in the middle between both.
+        # Greys by their distance from white: ink and darker, white, and half-way between.
         (INK, DARK_INK),
         ("#0a0a0a", DARK_INK),
         ("white", DARK_PAPER),
-        # Of (0x22 + 0x28 + 0x2e) / 3 = 40 of 255 up to 255: half-way at 147.5.
+        # The mean of INK is (0x22 + 0x28 + 0x2e) / 3 = 40 of 255, so half-way to 255 is 147.5.
         ("#949494", "#7e828a"),
-        # Lighter lines of the same hue, deeper fills.
+        # Lines become lighter at the same hue, light fills become deep.
         ("#800000", "#ff1919"),
         ("#cc0000", "#ff1919"),
         ("#ff3333", "#ff3333"),
@@ -181,21 +181,21 @@ def test_what_stands_for_a_colour_in_the_dark(colour, dark):
 
 
 def test_colours_and_greys_part_at_an_eighth():
-    """Of the range between the components: below, the hue is lost."""
+    """Of the range of the components: below an eighth the colour counts as grey."""
     grey, coloured = dark_colour((0.5, 0.5, 0.61)), dark_colour((0.5, 0.5, 0.63))
     to_paper = np.array(to_rgb(DARK_PAPER)) - to_rgb(DARK_INK)
     share = (np.array(grey[:3]) - to_rgb(DARK_INK)) / to_paper
     assert share == pytest.approx([share[0]] * 3)
     assert share[0] == pytest.approx((0.555 - np.mean(to_rgb(INK))) / (1.0 - np.mean(to_rgb(INK))))
-    # Light enough as it is.
+    # Already light enough.
     assert coloured[:3] == pytest.approx((0.5, 0.5, 0.63))
-    # Fills above 92 % of lightness become deep, others stay.
+    # Fills of more than 92 % lightness become deep, others are kept.
     assert dark_colour((0.84, 0.99, 0.99))[:3] == pytest.approx((0.84, 0.99, 0.99), abs=1e-9)
     assert max(dark_colour((0.86, 0.99, 0.99))[:3]) < 0.6
 
 
 def test_each_part_of_a_figure_has_its_colour_in_the_dark_and_its_own_again():
-    """Lines with their marks, patches, collections of one and of many colours; what values colour stays."""
+    """Lines with their marks, patches, collections of one and of many colours; colours from values are kept."""
     with style.new_figure((3.0, 2.4)) as figure:
         axes = figure.add_subplot()
         (line,) = axes.plot(
@@ -254,7 +254,7 @@ def test_an_unknown_scheme_is_refused(tmp_path, monkeypatch):
 
 @pytest.fixture
 def scene():
-    """A box in copper, its edges, words, a label, a colour bar and a slider in ink; a panel beside it."""
+    """A box in copper, its edges, a text and a label in ink; a second panel."""
     made = pv.Plotter(off_screen=True, window_size=[300, 200], shape=(1, 2), border=False)
     made.background_color = pv.Color("white")
     made.subplot(0, 0)
@@ -268,7 +268,7 @@ def scene():
 
 @needs_opengl
 def test_a_scene_goes_into_the_dark_and_comes_back(scene):
-    """Words, labels, bars, sliders and edges in ink on every paper; what is solid keeps its colour."""
+    """Texts, labels, bars, sliders and edges in ink change with the background; solids keep their colour."""
     scene, (box, edges, text, labels) = scene
     grid = pv.Plane()
     scene.add_mesh(grid, scalars=grid.points[:, 0], scalar_bar_args={"title": "x", "color": INK})
@@ -296,7 +296,7 @@ def test_a_scene_is_saved_on_both_papers(scene, tmp_path, monkeypatch):
     path = style.save_screenshot(scene[0], tmp_path / "scene.png")
     light, dark = imread(path)[..., :3], imread(dark_path(path))[..., :3]
     assert (to_hex(light[0, -1]), to_hex(dark[0, -1])) == ("#ffffff", DARK_PAPER)
-    # What is solid keeps its colour.
+    # Solids keep their colour.
     copper = [(np.abs(image - to_rgb("#e08a4e")) < 0.02).all(axis=-1) for image in (light, dark)]
     assert copper[0].sum() > 1000
     assert np.mean(copper[0] != copper[1]) < 1e-3

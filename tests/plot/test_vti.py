@@ -1,4 +1,4 @@
-""".vti files of a map, read by pyvista: the numbers at the nodes are those of the map."""
+""".vti files of a map, read by pyvista: the numbers at the nodes are the map's."""
 
 import re
 
@@ -12,7 +12,7 @@ from fieldmap.lookup import interpolate
 from fieldmap.plot.vti import write_vti
 from fieldmap.store import Grid, MapData
 
-# Three different numbers of nodes and spacings, so that no two axes can be exchanged unseen.
+# Three different numbers of nodes and spacings, so that an exchange of axes is noticed.
 GRID = Grid([-0.02, -0.01, -0.12], [0.01, 0.004, 0.006], (5, 6, 7))
 CURRENTS = np.array([1.5, -0.5])
 UNITS = (("B", "T_per_A"), ("gradB", "T_per_m_A"))
@@ -40,7 +40,7 @@ def test_fixed_currents(loops, tmp_path):
     assert read.dimensions == (5, 6, 7)
     np.testing.assert_allclose(read.bounds, [-0.02, 0.02, -0.01, 0.01, -0.12, -0.084], atol=1e-15)
     scale = np.einsum("cni,c->ni", two_loops(GRID.points())[0], CURRENTS)
-    # VTK's own places, asked of the map and of the closed form.
+    # At VTK's own points, from the map and from the closed form.
     flux, slope = loops.field_and_gradient(np.clip(read.points, loops.lower, loops.upper), CURRENTS)
     np.testing.assert_allclose(read["B_T"], flux, rtol=0, atol=1e-13 * np.abs(scale).max())
     np.testing.assert_allclose(

@@ -1,5 +1,5 @@
-"""Solved iron as .vtu and .xdmf, read by pyvista and meshio: numbers of elements and faces are those of the state, of
-the materials and of closed forms."""
+"""Solved iron as .vtu and .xdmf, read by pyvista and meshio: numbers of elements and faces against the state, the
+materials and closed forms."""
 
 from types import SimpleNamespace
 
@@ -124,7 +124,7 @@ def test_meshio_reads_all_of_them(ball, tmp_path):
         assert np.array_equal(read.cells_dict["tetra"], state.mesh.tets)
         assert read.cell_data["B_T"][0] == pytest.approx(state.element_flux_density, rel=1e-12)
         assert read.cell_data["permeability_loss"][0].shape == (len(state.mesh.tets),)
-    # What was written may be written again; the mesh of another program may not be written over.
+    # These files may be replaced by the same writers; a mesh of another program may not.
     for write, name in (
         (write_vtu, "iron.vtu"),
         (write_xdmf, "iron.xdmf"),
@@ -141,7 +141,7 @@ def test_meshio_reads_all_of_them(ball, tmp_path):
 
 
 def test_numbers_of_made_up_elements():
-    """Iron, a magnet, and a flux barrier, whose bodies are numbered in this order: B and J are given, the rest is by
+    """Iron, a magnet and a flux barrier, with bodies numbered in this order. B and J are given, all else is computed by
     hand."""
     corners = np.vstack([np.zeros(3), np.eye(3), [[1.0, 1.0, 1.0]], [[2.0, 0.0, 0.0]]])
     mesh = SimpleNamespace(
@@ -174,7 +174,7 @@ def test_numbers_of_made_up_elements():
     np.testing.assert_array_equal(cells["B_T"], flux)
     np.testing.assert_array_equal(cells["J_T"], polarisation)
     np.testing.assert_allclose(cells["H_A_per_m"], (flux - polarisation) / mu_0)
-    # |B| over |B - J|: 0.5 / 0.005, 1 / 0.1, 0.2 / 0.2; of iron of 200 half is lost.
+    # |B| / |B - J|: 0.5 / 0.005, 1 / 0.1, 0.2 / 0.2; iron of mu_r 200 has lost half.
     np.testing.assert_allclose(cells["mu_r"], [100.0, 10.0, 1.0])
     np.testing.assert_allclose(cells["permeability_loss"], [0.5, np.nan, np.nan])
     assert (cells["body"].tolist(), grid.field_data["currents_A"].tolist()) == ([0, 1, 2], [1.5, -2.0])

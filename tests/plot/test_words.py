@@ -1,5 +1,4 @@
-"""Words on a picture: where they hang, and where they stand; and numbers in words, each case with a number of its
-own."""
+"""Texts on a picture: their anchor; and numbers in words, each case with a different number."""
 
 from types import SimpleNamespace
 
@@ -30,7 +29,7 @@ def test_words_hang_from_their_place_in_the_upper_half_and_stand_on_it_below(hei
 @pytest.mark.parametrize(
     ("function", "given", "expected"),
     [
-        # Half a unit and more keeps a unit, whatever the sign; nanometres are the least.
+        # From half a unit on the unit is kept, for either sign; nanometres are the smallest unit.
         *(
             (words.fitting_prefix, (size,), (prefix, factor))
             for size, prefix, factor in [
@@ -55,7 +54,7 @@ def test_words_hang_from_their_place_in_the_upper_half_and_stand_on_it_below(hei
         (words.amperes_in_words, ([2.5], ("one",)), "2.5 A in the coil"),
         (words.amperes_in_words, ([-1.5] * 3, ("a", "b", "c")), "-1.5 A in each of 3 coils"),
         (words.amperes_in_words, ([1.0, -2.25], ("left", "right")), "left: 1 A, right: -2.25 A"),
-        # Four digits of the largest, and no more than three decimals.
+        # Four digits for the largest component, and at most three decimals.
         (words.force_in_words, ([0.0, -1.23456, 0.5],), "(0.000, -1.235, 0.500) N"),
         (words.force_in_words, ([12.3456, 0.0, -1.0],), "(12.35, 0.00, -1.00) N"),
         (words.force_in_words, ([0.0, 0.0, -0.1234567],), "(0.0, 0.0, -123.5) mN"),
@@ -68,7 +67,7 @@ def test_words_hang_from_their_place_in_the_upper_half_and_stand_on_it_below(hei
         (words.with_unit, ("stiffness", "N m-1"), "stiffness (N/m)"),
         (words.with_unit, ("share", "1"), "share"),
         (words.with_unit, ("share", ""), "share"),
-        # At most six steps to a span, of 1, 2 or 5 times a power of ten.
+        # At most six steps of 1, 2 or 5 times a power of ten for a span.
         *(
             (words.label_step, (span,), pytest.approx(step))
             for span, step in [(6.0, 1.0), (6.01, 2.0), (12.0, 2.0), (12.1, 5.0), (30.0, 5.0), (30.1, 10.0)]

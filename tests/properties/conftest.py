@@ -1,4 +1,4 @@
-"""Examples by hypothesis: the same in every run, few, and none kept on disk."""
+"""Settings of hypothesis: the same few examples in every run, and no database on disk."""
 
 from hypothesis import HealthCheck, Phase, settings
 
@@ -8,7 +8,7 @@ settings.register_profile(
     database=None,
     deadline=None,
     max_examples=25,
-    # A failing example is shown as it was found: to make it smaller takes minutes.
+    # A failing example is not shrunk, because shrinking takes minutes.
     phases=[Phase.explicit, Phase.generate],
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )

@@ -1,4 +1,4 @@
-"""Parametrisations of currents: what they say of any signals, against sums, matrices and differences."""
+"""Parametrisations of currents for random signals, against sums, matrices and differences."""
 
 import itertools
 import json
@@ -24,7 +24,7 @@ exponents = st.floats(0.5, 2.0)
 
 @st.composite
 def groups(draw):
-    """Coils in groups, in any order, none left out."""
+    """Groups that contain every coil once, in any order."""
     count = draw(st.integers(1, 8))
     order = draw(st.permutations(range(count)))
     cuts = sorted(draw(st.sets(st.integers(1, count - 1), max_size=3))) if count > 1 else []
@@ -34,7 +34,7 @@ def groups(draw):
 
 @given(lifts, directions, directions, exponents)
 def test_lift_and_directions_is_the_division_of_the_thesis(u, x, y, n):
-    """(6-2) and (6-3), coil by coil: rows of three at x < 0 and x > 0, each in the order of rising y."""
+    """(6-2) and (6-3), coil by coil: three coils at x < 0 and three at x > 0, each in order of rising y."""
     left = 6 * u - u * sum((1 + s * x) * (1 + t * y) for s in (-1, 1) for t in (-1, 1))
     exact = []
     for s in (-1, 1):
@@ -47,7 +47,7 @@ def test_lift_and_directions_is_the_division_of_the_thesis(u, x, y, n):
 
 @given(lifts, directions, directions, exponents, st.integers(0, 5), st.floats(0.01, 0.5))
 def test_currents_of_no_signals_are_told(u, x, y, n, coil, by):
-    """One coil off by a share of u: not on the surface of signals, unless all of it is; nearest is never farther."""
+    """With one coil off by a share of u, the mismatch is the distance to the nearest signals, and `signals` is nan."""
     of = LiftAndDirections(n)
     currents = of.currents([u, x, y])
     currents[coil] += by * u
@@ -59,7 +59,7 @@ def test_currents_of_no_signals_are_told(u, x, y, n, coil, by):
 
 @given(groups(), st.data())
 def test_groups(of_coils, data):
-    """A matrix of ones and zeros, written here by hand."""
+    """A matrix of ones and zeros, written by hand."""
     count = sum(map(len, of_coils))
     signals = np.array(data.draw(st.lists(amperes, min_size=len(of_coils), max_size=len(of_coils))))
     matrix = np.zeros((count, len(of_coils)))
@@ -69,7 +69,7 @@ def test_groups(of_coils, data):
     of = CoilGroups(of_coils)
     np.testing.assert_array_equal(of.currents(signals), matrix @ signals)
     np.testing.assert_array_equal(of.derivative(signals), matrix)
-    # The nearest signals of any currents are those of least squares: the mean of each group.
+    # The nearest signals are the least-squares solution: the mean of each group.
     currents = np.array(data.draw(st.lists(amperes, min_size=count, max_size=count)))
     exact = np.linalg.lstsq(matrix, currents, rcond=None)[0]
     np.testing.assert_allclose(of.nearest(currents).values, exact, atol=1e-12)
@@ -98,7 +98,7 @@ def test_there_and_back_as_json(of):
     text = of.to_json()
     again = parametrisation_from_json(text)
     assert again == of
-    # What another program reads of it.
+    # The parameters as another program reads them.
     content = json.loads(text)
     if isinstance(of, LiftAndDirections):
         assert content["parameters"]["n"] == of.n

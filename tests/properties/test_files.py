@@ -1,5 +1,5 @@
-"""Files written and read: devices, recipes, scenarios, maps and recorded runs hold the numbers that were put in; a map
-that is interrupted anywhere is the map."""
+"""Files written and read: devices, recipes, scenarios, maps and recorded runs return their numbers; a map interrupted
+anywhere is complete in the end."""
 
 import tomllib
 
@@ -29,13 +29,13 @@ lengths = st.floats(0.1, 400.0)
 coordinates = st.floats(-500.0, 500.0)
 points = st.tuples(coordinates, coordinates, coordinates)
 names = st.text("abcXYZ019_", min_size=1, max_size=12).filter(lambda text: text[0].isalnum())
-# What a text may hold beside letters: quotes, backslashes, controls of TOML, other scripts.
+# Titles contain quotes, backslashes, syntax of TOML and other scripts.
 titles = st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1, max_size=30).filter(str.strip)
 
 
 @st.composite
 def coils(draw):
-    """(attributes in SI, keys of the file) of circular coils of different names."""
+    """(name, lengths in mm, turns, position in mm) of circular coils with different names."""
     found = []
     for name in draw(st.lists(names, min_size=1, max_size=4, unique=True)):
         inner, wider, height = draw(lengths), draw(lengths), draw(lengths)
@@ -45,7 +45,7 @@ def coils(draw):
 
 @given(titles, coils())
 def test_a_device_as_a_file(title, wound):
-    """Made in Python, written, and read by tomllib; read by us, the numbers of the file."""
+    """Made in Python, written, and read by tomllib; read by fieldmap, it has the file's numbers."""
     made = [
         fm.CircularCoil(
             name, 1e-3 * a, 1e-3 * b, 1e-3 * h, turns, placement=fm.placed(1e-3 * np.array(place))
@@ -85,7 +85,7 @@ def test_a_recipe(tmp_path_factory, spacing, lower, size, tolerance, refinement)
 
 @given(st.floats(0.01, 100.0), st.floats(0.1, 50.0), st.floats(1.0, 30.0), st.floats(-3.0, 3.0))
 def test_a_scenario(tmp_path_factory, duration, gain, depth, step):
-    """Changed in the text, and changed by the caller: the same, and all other keys as they were."""
+    """Changed in the text or by the caller: the same result, with all other keys unchanged."""
     text = shipped_file("maps", "scenarios/vertical_step").read_text()
     path = tmp_path_factory.getbasetemp() / "scenario.toml"
     new = text.replace("duration_s = 4.0", f"duration_s = {duration!r}").replace(
@@ -107,7 +107,7 @@ def test_a_scenario(tmp_path_factory, duration, gain, depth, step):
 
 def numbers(seed, shape):
     rng = np.random.default_rng(seed)
-    # All sizes of numbers, and zeros of both signs.
+    # Numbers of all sizes, and zeros of both signs.
     values = rng.normal(size=shape) * 10.0 ** rng.integers(-12, 3, shape)
     values[rng.random(shape) < 0.05] = -0.0
     return values
@@ -134,7 +134,7 @@ def maps(draw):
 @settings(max_examples=12)
 @given(maps())
 def test_a_map_holds_its_numbers(tmp_path_factory, data):
-    """Seen by h5py alone, per coil at its reference current; and by us, per ampere."""
+    """Read by h5py alone, per coil at its reference current; and by fieldmap, per ampere."""
     path = write_map(tmp_path_factory.getbasetemp() / "map.h5", data)
     again = read_map(path)
     assert again.coil_names == data.coil_names
@@ -160,9 +160,9 @@ def test_a_map_holds_its_numbers(tmp_path_factory, data):
 @settings(max_examples=12)
 @given(maps(), st.data())
 def test_a_map_interrupted_anywhere_is_the_map(tmp_path_factory, monkeypatch, data, draw):
-    """Any chunks in any order, runs that end after any of them, a file cut off or changed at any byte: the
-    numbers put in."""
-    # Maps so small are one chunk otherwise.
+    """Chunks in any order, runs that end after any of them, files cut or changed at any byte: the map has its
+    numbers in the end."""
+    # Maps this small would have one chunk.
     monkeypatch.setattr("fieldmap.store.map_format.planes_per_chunk", lambda grid: 1)
     folder = tmp_path_factory.mktemp("resumed")
     target = folder / "map.h5"

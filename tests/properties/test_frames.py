@@ -1,4 +1,4 @@
-"""Frames: turned and moved there and back, against scipy's rotations, and against where a dipole's field goes."""
+"""Frames: rotations and translations there and back, against scipy's rotations and the field of a dipole."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ places = st.tuples(*[st.floats(-0.2, 0.2)] * 3).map(np.array)
 
 
 def scipys(rotation_deg):
-    """About the fixed x, then the fixed y, then the fixed z axis: lower-case letters are fixed axes there."""
+    """About the fixed x, then y, then z axis: lower-case letters are fixed axes in scipy."""
     return Rotation.from_euler("xyz", rotation_deg, degrees=True).as_matrix()
 
 
@@ -27,7 +27,7 @@ def scipys(rotation_deg):
 def test_rotations_are_those_of_scipy(rotation_deg):
     found = rotation_matrix(rotation_deg)
     np.testing.assert_allclose(found, scipys(rotation_deg), atol=1e-14)
-    # Angles of a matrix need not be those that made it; the matrix must be.
+    # Angles from a matrix may differ from the original ones, but must give the same matrix.
     np.testing.assert_allclose(scipys(rotation_angles(found)), found, atol=2e-8)
 
 
@@ -45,7 +45,7 @@ def test_turned_there_and_back(rotation_deg, place, axis, angle, centre):
 
 @given(three, places, st.sampled_from("xyz"), st.floats(-0.1, 0.1))
 def test_mirrored_twice(rotation_deg, place, plane, at):
-    """B is a pseudovector: its image at the image of a point has the component across the mirror kept."""
+    """B is a pseudovector: mirroring keeps its component across the mirror plane, and reverses the others."""
     coil = fm.CircularCoil("a", 0.02, 0.03, 0.01, 100, placement=fm.placed(place, rotation_deg))
     image = coil.mirrored(plane, at, name="b")
     sign = np.ones(3)
@@ -54,7 +54,7 @@ def test_mirrored_twice(rotation_deg, place, plane, at):
     shift = np.where(sign < 0, 2 * at, 0.0)
     field = unit_flux_density(coil, point[None])[0]
     there = unit_flux_density(image, (sign * point + shift)[None])[0]
-    # A positive current of the image runs so that the machine is symmetric: either sign of B, for all components.
+    # The image's positive current makes the device symmetric, so that all of B may have either sign.
     scale = np.abs(field).max()
     assert min(np.abs(there - s * (-sign) * field).max() for s in (-1, 1)) < 1e-9 * scale
     back = image.mirrored(plane, at, name="c")
@@ -69,7 +69,7 @@ def test_mirrored_twice(rotation_deg, place, plane, at):
     places,
 )
 def test_sensors_read_the_edge_of_a_round_body(angle, offset, radius, bias, place):
-    """Each sensor looks along its axis, turned by the angle: the projection of the body's centre, less its radius."""
+    """The reading is the projection of the body's centre on the sensor's turned axis, less the body's radius."""
     frame = SensorFrame(angle, offset, radius, bias)
     read = frame.to_local(place)
     axes = Rotation.from_euler("z", angle).as_matrix()
@@ -80,13 +80,13 @@ def test_sensors_read_the_edge_of_a_round_body(angle, offset, radius, bias, plac
 
 @given(three, places, places)
 def test_a_machine_and_its_map_have_one_frame(rotation_deg, place, point):
-    """The field of a moved and turned coil is the turned field of the coil at the point where it would be."""
+    """The field of a moved and turned coil is the turned field of the coil at the point moved back."""
     still = fm.CircularCoil("a", 0.02, 0.03, 0.01, 100)
     moved = fm.CircularCoil("a", 0.02, 0.03, 0.01, 100, placement=fm.placed(place, rotation_deg))
     turn = scipys(rotation_deg)
     local = (point - place) @ turn
     if np.hypot(np.hypot(*local[:2]) - 0.025, local[2]) < 0.02:
-        return  # inside the winding and close to it
+        return  # inside the winding or close to it
     exact = turn @ unit_flux_density(still, local[None])[0]
     np.testing.assert_allclose(
         unit_flux_density(moved, point[None])[0], exact, atol=1e-9 * np.abs(exact).max() + 1e-14

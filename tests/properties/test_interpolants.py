@@ -1,7 +1,7 @@
-"""Interpolants on fields in closed form: harmonic polynomials up to the degree of each form are exact between nodes.
+"""Interpolants of harmonic polynomials: up to the degree of each form they are exact between nodes.
 
-A potential (a . x)^n with a complex vector a of a . a = 0 is harmonic; B is the real part of n (a . x)^(n-1) a, and its
-gradient of n (n-1) (a . x)^(n-2) a a.
+A potential (a . x)^n with a complex vector a, a . a = 0, is harmonic; B is the real part of n (a . x)^(n-1) a, and its
+gradient the real part of n (n-1) (a . x)^(n-2) a a.
 """
 
 import numpy as np
@@ -13,14 +13,14 @@ from scipy.spatial.transform import Rotation
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData, Provenance
 
-# Highest degree of the potential that each form holds exactly.
+# Highest degree of the potential that each form represents exactly.
 DEGREES = {"harmonic": 5, "hermite": 4, "global": 6}
 GRIDS = st.tuples(*[st.integers(5, 7)] * 3)
 CENTRE, SIZE = np.array([0.01, -0.02, -0.1]), 0.02
 
 
 def sum_of(terms):
-    """Functions for B and its gradient of (degree, null vector, factor), in lengths of the box about its centre."""
+    """Functions for B and its gradient from (degree, null vector, factor), in lengths of the box about its centre."""
 
     def flux(points):
         local = (points - CENTRE) / SIZE
@@ -90,7 +90,7 @@ def check_polynomials(kind, data, shape):
 
 @given(data=st.data())
 def test_one_degree_more_is_not_exact(data):
-    """Else the tests above would hold whatever the degrees say."""
+    """Shows that the exactness tests above can fail."""
     for kind, degree in (("harmonic", 7), ("hermite", 6)):
         flux, gradient = sum_of([(degree, np.array([1.0, 1j, 0.0]), 1.0)])
         m = interpolate(map_of(flux, gradient, (5, 5, 5)), kind)
@@ -100,7 +100,7 @@ def test_one_degree_more_is_not_exact(data):
 
 @given(data=st.data())
 def test_nodes_are_reproduced(data):
-    """By the form that goes through them, whatever the field: of degree 12, far above its own."""
+    """The Hermite form passes through its nodes for any field, here of degree 12."""
     shape = data.draw(GRIDS)
     flux, gradient = data.draw(fields(12))
     m = interpolate(map_of(flux, gradient, shape), "hermite")
@@ -122,7 +122,7 @@ def test_the_gradient_is_the_derivative_in_the_whole_box(data):
 
 
 def check_gradient(kind, data, shape):
-    """Of a field that no form holds exactly: differences of the form itself, within one cell."""
+    """For a field that no form represents exactly: against differences of the form itself, within a cell."""
     m = interpolate(map_of(*data.draw(fields(9)), shape), kind)
     grid, h = m.info.grid, 1e-6
     rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
@@ -132,7 +132,7 @@ def check_gradient(kind, data, shape):
     steps = [(m.field(points + h * e, 1.0) - m.field(points - h * e, 1.0)) / (2 * h) for e in np.eye(3)]
     scale = np.abs(gradient).max() + 0.01 * np.abs(m.field(points, 1.0)).max() / SIZE
     np.testing.assert_allclose(np.stack(steps, axis=-1), gradient, atol=2e-5 * scale)
-    # Laplace's equation and its like hold of every form of harmonic polynomials.
+    # Forms made of harmonic polynomials satisfy Laplace's equation, and have a symmetric gradient.
     if kind != "hermite":
         assert np.abs(np.trace(gradient, axis1=1, axis2=2)).max() < 1e-9 * scale
         assert np.abs(gradient - np.swapaxes(gradient, 1, 2)).max() < 1e-9 * scale

@@ -1,4 +1,4 @@
-"""Results as JSON: what any program reads of them is what they hold; what JSON cannot hold is said by null."""
+"""Results as JSON return their values in any program; values that JSON does not have become null."""
 
 import json
 import math
@@ -20,7 +20,7 @@ nested = st.recursive(
 
 
 def strict(value):
-    """Through a text that every program of JSON reads: neither NaN nor infinity."""
+    """Through a text that every JSON parser reads, without NaN and infinity."""
 
     def refuse(word):
         raise AssertionError(f"{word} is no JSON")

@@ -25,7 +25,7 @@ def program():
 
 @pytest.fixture(scope="session")
 def benchmark():
-    """benchmark(section): what the quick benchmark prints of it."""
+    """benchmark(section): the JSON of the quick benchmark of a section."""
 
     def section(name):
         command = [sys.executable, str(SCRIPTS / "benchmark.py"), "--only", name, "--quick", "--json"]

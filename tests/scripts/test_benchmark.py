@@ -1,4 +1,4 @@
-"""The benchmark runs and its figures are those of agreeing programs; how fast they are is not tested here."""
+"""The benchmark runs, and the compared programs agree; their speed is not tested."""
 
 import re
 
@@ -44,7 +44,7 @@ def test_traffic_of_a_shared_object_does_not_grow_with_the_pieces(benchmark):
     section = benchmark("traffic")
     passed = {(row["pieces"], row["way"]): row["bytes"] for row in section["rows"]}
     for pieces in (20, 40):
-        # The client writes the object and the scheduler reads it, and writes it to a worker, for each piece.
+        # For each piece the client writes the object, the scheduler reads it, and the scheduler writes it to a worker.
         assert passed[pieces, "in each task"] > 3 * pieces * section["size"]
         assert passed[pieces, "fieldmap"] < 0.1 * passed[pieces, "in each task"]
     more = passed[40, "fieldmap"] - passed[20, "fieldmap"]
@@ -52,7 +52,7 @@ def test_traffic_of_a_shared_object_does_not_grow_with_the_pieces(benchmark):
 
 
 def test_disk_against_finite_elements(disk):
-    """mu_r 4000: the error falls with the mesh, to the bounds. Half the element size: at least by a power of 1.5."""
+    """mu_r 4000: the errors fall with the mesh size, at least with a power of 1.5, to the bounds."""
     coarse, middle, fine = (disk.fieldmap_row(refinement) for refinement in (0.5, 0.7, 1.0))
     assert fine.field_error < 0.35 * coarse.field_error
     assert fine.field_error < middle.field_error < 1.3e-3
@@ -62,7 +62,7 @@ def test_disk_against_finite_elements(disk):
 
 
 def test_other_solver_sees_the_same_problem(disk):
-    """Magnets only, the coil as a field applied at their centres: within 15 % with few cells, not a lost coil."""
+    """Magnets only, with the coil's field applied at their centres: within 15 % with few cells."""
     pytest.importorskip("magpylib_material_response")
     row = disk.material_response_row(12, 2)
     assert row.unknowns == 3 * 2 * 112
@@ -75,7 +75,7 @@ def peers(program):
 
 
 def test_cases_of_others(peers):
-    """The table of truth fits the points; coarse meshes come near it, and the cube's is the published number."""
+    """The reference values fit the points; coarse meshes come near them, and the cube's value is the published one."""
     for case in peers.CASES:
         exact = peers.truth(case.name)
         assert exact.shape == case.points.shape
@@ -98,7 +98,7 @@ def row(disk, seconds, error):
 
 
 def test_times_are_compared_at_equal_error(disk):
-    """Error = 1/seconds for us, 100/seconds for them: a hundred times less time wherever both have measured."""
+    """Errors of 1/seconds for us and 100/seconds for them: a hundred times less time wherever both have measured."""
     ours = [row(disk, t, 1 / t) for t in (100.0, 400.0, 4000.0)]
     theirs = [row(disk, t, 100 / t) for t in (20_000.0, 80_000.0)]
     assert disk.seconds_at(ours, 2e-3) == pytest.approx((500.0, 1000.0))
@@ -121,7 +121,7 @@ def test_generation_is_compared_with_magpylib_on_the_same_coils(benchmark):
     rows = benchmark("generation")["rows"]
     assert all(row["rate"] > 0 for row in rows)
     differences = [row["difference"] for row in rows if row["difference"] is not None]
-    # More shells, the same field: what magpylib computes is what we compute.
+    # The magpylib model converges to our field with more shells.
     assert differences[0] > 10 * differences[1]
     assert differences[-1] < 1e-6
     assert sum("map of" in row["what"] for row in rows) == 1

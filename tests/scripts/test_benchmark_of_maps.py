@@ -1,4 +1,4 @@
-"""The benchmark of saturating maps: its solves are near exact ones, and what is missing is said."""
+"""The benchmark of saturating maps: its solves are close to exact ones, and missing maps are named."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Sections of the benchmark can be loaded and set up: cheap, because tests/slow.txt names those that run a section."""
+"""Sections of the benchmark load and set up; these tests are quick, tests/slow.txt names those that run a section."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def dynamics(program):
 
 
 def test_every_machine_of_dynamics_is_held(dynamics):
-    """Ten samples from rest: the magnet stays within the noise of its sensors."""
+    """Over ten samples from rest the magnet stays within the sensor noise."""
     machines = dynamics.machines()
     assert len(machines) == 4
     for machine in machines.values():

@@ -1,4 +1,4 @@
-"""The forces that the search for eight coils maximises: against the wrench on a bead."""
+"""The forces that the search for eight coils maximises, against the wrench on a bead."""
 
 import numpy as np
 import pytest
@@ -15,13 +15,13 @@ def design():
 
 
 def currents_of(power, device):
-    """Random currents (8,) that take this power in all coils."""
+    """Random currents (8,) of this total power."""
     random = np.random.default_rng(0).normal(size=8)
     return random * np.sqrt(power / optimum.resistance_of(device)) / np.linalg.norm(random)
 
 
 def test_forces_are_those_of_the_wrench(design):
-    """On a ball so permeable that its susceptibility does not count, 3/(mu_r + 2)."""
+    """On a ball of such high permeability that its moment does not depend on it: 3/(mu_r + 2) is negligible."""
     device, solved = design
     amperes = currents_of(optimum.POWER, device)
     one = amperes / np.linalg.norm(amperes)

@@ -9,7 +9,7 @@ def test_tables_are_those_of_the_page(program):
     printed = [" ".join(line.split()) for line in page.splitlines()]
     rows = script.planar_rows() + script.spatial_rows()
     assert len(rows) == 14
-    # Two units of the last digit, or what another mesh of the unit in three dimensions makes of small errors.
+    # Within two units of the last digit, or the effect of another three-dimensional mesh on small errors.
     for row in rows:
         near = [line for line in printed if _words(line) == _words(row)]
         assert any(_close(row, line) for line in near), row

@@ -1,4 +1,4 @@
-"""What the mutations of `make validate` hold against: each planted fault of a reader is counted as what it is."""
+"""The mutations of `make validate`: each planted fault of a reader is counted in its category."""
 
 import os
 import sys

@@ -1,4 +1,4 @@
-"""The fuzz target of the core's map files: sound seeds are accepted and asked, and planted faults are found."""
+"""The fuzz target of the core's map files: valid seeds are accepted and evaluated, and planted faults are found."""
 
 import shutil
 import subprocess
@@ -7,7 +7,7 @@ import pytest
 
 from tests.interop.conftest import STRICT
 
-# Without it a position from a file is used as it is.
+# Without this check a position from a file is used unchecked.
 CHECK = "if (!fieldmap_iron_positions(map->law, map->p, 1, 0, map->n_laws - 1)) return FIELDMAP_DAMAGED;"
 
 
@@ -29,7 +29,7 @@ def test_seeds_are_accepted_and_asked(script, seeds, tmp_path):
     for path in seeds.iterdir():
         done = subprocess.run([program, path], cwd=tmp_path, capture_output=True, text=True, check=True)
         accepted, solved = (int(word) for word in done.stderr.split()[1::2])
-        # From its file and in memory; of saturating iron, its fields in memory as well.
+        # From its file and in memory; for saturating iron also its fields in memory.
         iron = path.name.startswith("iron")
         assert accepted == (0 if path.name == "hermite" else 3 if iron else 2), path.name
         assert (solved > 10) == iron

@@ -1,4 +1,4 @@
-"""The gallery: one page with every picture that could be made, and the names of those that could not."""
+"""The gallery: one page with all pictures that could be made, and the names of the missing ones."""
 
 import re
 from pathlib import Path
@@ -62,7 +62,7 @@ def test_scenes_without_their_map_are_named(gallery, tmp_path, monkeypatch):
     assert len(missing) == len(gallery.SCENES) - len(titles)
     assert all("fieldmap map" in text for text in missing)
     commands.clear()
-    assert [picture.title for picture in drawn()[0]["Scenes"]] == titles  # what is there is kept
+    assert [picture.title for picture in drawn()[0]["Scenes"]] == titles  # existing pictures are kept
     assert commands == []
 
 

@@ -1,4 +1,4 @@
-"""The study of the joints: the tables that it fits, and the readings of them."""
+"""The study of the joints: the tables that it fits, and their readings."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ def study(program):
 
 
 def test_tables_are_printed_ones_from_where_each_run_began(study):
-    """Corners of the thesis's Tables 6-3 to 6-7, written here by hand."""
+    """Corners of the thesis's Tables 6-3 to 6-7, relative to the start of each run, written here by hand."""
     found = study.tables()
     assert found["Table 6-4"].measured[[0, 7, 8, 15]] == pytest.approx([0.932, 9.417, 6.662, -0.688])
     assert found["Table 6-5"].measured[[0, -1]] == pytest.approx([-0.842, 0.88])

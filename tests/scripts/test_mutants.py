@@ -1,5 +1,5 @@
-"""The lists of planted errors and of mutants that change nothing fit the code: each stands where it says, and the tests
-that are named are there."""
+"""The lists of planted errors and of equivalent mutants fit the code: each line exists where the list says, and the
+named tests exist."""
 
 import ast
 import tomllib

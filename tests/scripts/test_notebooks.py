@@ -1,4 +1,4 @@
-"""Notebooks are what the tested pages say."""
+"""Notebooks agree with the tested pages."""
 
 import ast
 import json

@@ -1,4 +1,4 @@
-"""The study of hysteresis: its bars, and where the block stands."""
+"""The study of hysteresis: its error bars, and the position of the block."""
 
 from types import SimpleNamespace
 
@@ -12,7 +12,7 @@ def bars(program):
 
 
 def test_bars_of_a_linear_figure_are_those_of_its_slopes(bars):
-    """2 joint - 3 h, with known deviations and correlation."""
+    """A figure of 2 joint - 3 h, with known deviations and correlation."""
     matrix = np.array([[0.04, 0.0, -0.06], [0.0, 9.0, 0.0], [-0.06, 0.0, 0.25]])
     numbers = {"as fitted": np.array(1.0)}
     for name, slope in zip(bars.FITTED, (2.0, 0.0, -3.0), strict=True):
@@ -32,7 +32,7 @@ def test_values_that_are_changed_are_those_of_the_device(bars, program):
 
 
 def test_the_block_is_as_far_below_the_body_as_in_the_file(program, monkeypatch):
-    """The magnet of the joint study is 9.87 mm below the sensed point, the one of the scenarios 15 mm."""
+    """The magnet is 9.87 mm below the sensed point in the joint study, and 15 mm in the scenarios."""
     module = program("remembering.unit", "studies")
     monkeypatch.setattr(module.Unit, "scale", 2.0)
     monkeypatch.setattr(module, "simulate", lambda name, given, **_: SimpleNamespace(name=name, given=given))

@@ -1,4 +1,4 @@
-"""The script is the command with the options of a whole reproduction."""
+"""The script is the command with the options for a complete reproduction."""
 
 import sys
 
@@ -11,7 +11,7 @@ def script(program):
 
 
 def test_missing_maps_are_asked_for(script, monkeypatch, tmp_path):
-    """That they are made before the parts that need them is tested in tests/thesis/test_plan.py."""
+    """tests/thesis/test_plan.py tests that maps are made before the parts that need them."""
     done = []
     monkeypatch.setattr(script, "command_line", lambda words: done.append(words) or 0)
     words = ["S3", "S12", "--report", str(tmp_path / "report"), "--maps", str(tmp_path / "maps")]

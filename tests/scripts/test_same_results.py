@@ -1,4 +1,4 @@
-"""What two versions may differ by: exact arrays, runs that may part, and runs that may not."""
+"""Allowed differences of two versions: exact arrays, runs that may diverge, and runs that may not."""
 
 import json
 
@@ -17,7 +17,7 @@ def script(program):
 
 
 def run_file(path, away=0.0, first=0, at_limit=ROWS, scenario=PLAIN, **about):
-    """A made-up run of a second whose position is off from a row on, with its lift at a limit from another row on."""
+    """A made-up run of 1 s whose position is off from row `first` on, with its lift at a limit from `at_limit` on."""
     time = np.linspace(0.0, 1.0, ROWS)
     position, outputs = np.cos(np.outer(time, [1.0, 2.0, 3.0])), np.full((ROWS, 3), 5.0)
     position[first:] += away
@@ -27,7 +27,7 @@ def run_file(path, away=0.0, first=0, at_limit=ROWS, scenario=PLAIN, **about):
         file.attrs.update(format="fieldmap run 1", scenario=scenario)
         run = file.create_group("run_0000")
         run.attrs["about"] = json.dumps({"event": "", "touched": [], **about})
-        # A body that hardly moves: its velocity is rounding, and not compared with its own size.
+        # The body hardly moves: its velocity is rounding noise, and is not compared relative to its own size.
         velocity = np.full((ROWS, 3), 1e-15 + 1e-14 * (away > 0))
         for name, values in {
             "time": time,
@@ -51,10 +51,10 @@ def folders(tmp_path, before, after):
         ({}, 0),
         ({"away": 5e-10}, 0),
         ({"away": 2e-9}, 1),
-        # From where an output lies at a limit on nothing is compared.
+        # Nothing is compared from the row on where an output is at a limit.
         ({"away": 1e-3, "first": 60, "at_limit": 50}, 0),
         ({"away": 1e-3, "first": 40, "at_limit": 50}, 1),
-        # What touches a wall, or goes through a converter, may part, but not at once; a converter bounds by how much.
+        # Runs that touch a wall or have a converter may diverge, but not at once; with a converter only to a bound.
         ({"away": 1e-2, "first": 50, "touched": ["floor"]}, 0),
         ({"away": 1e-5, "first": 50, "scenario": CONVERTER}, 0),
         ({"away": 1e-5, "first": 10, "scenario": CONVERTER}, 1),

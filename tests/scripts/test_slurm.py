@@ -1,4 +1,4 @@
-"""The script for a SLURM cluster: what it would submit, and a map made by jobs on this machine."""
+"""The script for a SLURM cluster: the submitted jobs, and a map made by jobs on this machine."""
 
 import os
 import subprocess
@@ -88,7 +88,7 @@ def test_many_maps_by_an_array_job(tmp_path, monkeypatch):
         "--parsable",
         "--parsable --dependency=afterany:77",
     ]
-    # Two maps of the first task, three of the second, and the index.
+    # Two maps after the first task, three more after the second, and then the index.
     assert (tmp_path / "there.txt").read_text().split() == ["2", "5", "6"]
 
 
@@ -100,12 +100,12 @@ def test_a_map_made_by_jobs(tmp_path):
     ours = read_map(tmp_path / "jobs.h5")
     assert ours.provenance.solver_report["workers"] == "workers of a dask scheduler"
     alone = read_map(generate(tmp_path / "recipe.toml", tmp_path / "alone.h5"))
-    # Bits are compared in tests/maps, where every kernel comes from the cache.
+    # Equal bits are tested in tests/maps, where all kernels come from the cache.
     for one, other in ((ours.flux_density, alone.flux_density), (ours.gradient, alone.gradient)):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max())
 
 
 @pytest.fixture(autouse=True)
 def _no_configuration(monkeypatch, tmp_path):
-    """Whoever runs this may have settings of dask for a cluster of their own."""
+    """The tests ignore the user's dask configuration for a cluster."""
     monkeypatch.setenv("DASK_CONFIG", str(tmp_path / "none"))

@@ -1,4 +1,4 @@
-"""The table of `make validate`: verdicts, failures that are seen, and one study that runs."""
+"""The table of `make validate`: verdicts, visible failures, and one study that runs."""
 
 import json
 import subprocess
@@ -17,7 +17,7 @@ def validate(program):
 
 
 def test_a_study_of_closed_forms_runs():
-    """Spheres within their bounds, by the command; the exit code is that of the verdicts."""
+    """Spheres within their bounds, by the command; the exit code follows the verdicts."""
     arguments = [sys.executable, str(SCRIPTS / "validate.py"), "--only", "spheres", "--json"]
     done = subprocess.run(arguments, capture_output=True, text=True)
     rows = json.loads(done.stdout)

@@ -1,4 +1,4 @@
-"""The validation page says what its files say."""
+"""The validation page agrees with its files."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""An independent Biot-Savart quadrature, thesis eq. (2-6), and the coils that the tests share."""
+"""An independent Biot-Savart quadrature, thesis eq. (2-6), and coils that the tests share."""
 
 from itertools import pairwise
 
@@ -153,7 +153,7 @@ def coil(request):
 
 @pytest.fixture(params=[CIRCULAR, ROUNDED, OBLONG], ids=lambda coil: coil.name)
 def simple_coil(request):
-    """The coils whose middle line the quadrature knows."""
+    """The coils whose middle line the quadrature can integrate."""
     return request.param
 
 

@@ -62,13 +62,13 @@ def source(thing):
 
 @pytest.fixture(scope="module")
 def everywhere():
-    """Inside and outside, down to a tenth of a millimetre from surfaces."""
+    """Points inside and outside, as near as 0.1 mm to surfaces."""
     return np.random.default_rng(0).uniform(-0.03, 0.03, (300, 3))
 
 
 @pytest.fixture(scope="module")
 def around(everywhere):
-    """Some 5 mm and more from all of them."""
+    """Points about 5 mm or more from all sources."""
     return everywhere[np.linalg.norm(everywhere - POSITION, axis=1) > 0.027]
 
 
@@ -84,8 +84,8 @@ def test_flux_density_is_that_of_magpylib(thing, everywhere):
 
 
 def test_beside_the_edge_of_a_sheet_the_field_grows_as_the_logarithm():
-    """In its plane B_z is mu0 K / 2 pi times the logarithm of the distance, K along the edge, which magpylib 6.1 gives
-    with the other sign at 1 nm."""
+    """In the sheet's plane B_z is mu0 K / 2 pi times the logarithm of the distance, with K along the edge. At 1 nm
+    magpylib 6.1 gives the other sign."""
     corners = np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0]])
     sheet = current.TriangleSheet(current_densities=[(0, 100, 0)], vertices=corners, faces=[[0, 1, 2]])
     one = Background.from_magpylib(sheet).sources[0]
@@ -124,7 +124,7 @@ EDGES = {
 
 @pytest.mark.parametrize("thing", OBJECTS, ids=IDS)
 def test_where_there_is_no_value_it_is_nan(thing):
-    """On lines, sheets and dipoles; on edges of magnets B is some number. numpy's warnings would be errors here."""
+    """On lines, sheets and dipoles; at edges of magnets B is a number. numpy's warnings are errors in the tests."""
     kind = type(thing).__name__
     one = Background.from_magpylib(thing).sources[0]
     none, some = (np.reshape(table.get(kind, []), (-1, 3)) for table in (SINGULAR, REGULAR))
@@ -138,7 +138,7 @@ def test_where_there_is_no_value_it_is_nan(thing):
 
 
 def test_inside_a_flat_and_oblique_magnet_is_what_its_corners_surround():
-    """B jumps by J there: points by their barycentric coordinates."""
+    """B jumps by J at the surface; points are inside by their barycentric coordinates."""
     rng = np.random.default_rng(4)
     corners = np.array([[0, 0, 0], [0.05, 0.002, 0], [0.045, 0.01, 0.001], [0.003, 0.004, 0.012]])
     shares = rng.normal(size=(2000, 4)) ** 2 * rng.choice([1.0, -0.1], (2000, 4), p=[0.9, 0.1])
@@ -166,15 +166,15 @@ def test_gradient_is_the_derivative_and_that_of_a_field_in_air(thing, around):
     size = np.abs(gradient).max(axis=(1, 2))
     error = np.abs(gradient - expected).max(axis=(1, 2)) / size
     assert np.median(error) < 1e-8
-    assert error.max() < 2e-5  # magpylib's own B strays by 1e-9 at single points
+    assert error.max() < 2e-5  # magpylib's own B is off by 1e-9 at single points
     rounding = 2e-5 if thing in _DIFFERENCED else 1e-12
     assert (np.abs(np.trace(gradient, axis1=1, axis2=2)) < rounding * size).all()
-    if not isinstance(thing, current.TriangleStrip | current.TriangleSheet):  # whose currents end somewhere
+    if not isinstance(thing, current.TriangleStrip | current.TriangleSheet):  # currents with ends
         assert (np.abs(gradient - gradient.transpose(0, 2, 1)).max(axis=(1, 2)) < rounding * size).all()
 
 
 def test_differences_are_as_good_as_stated():
-    """Of a cuboid, whose gradient is exact, a tenth of its size from faces and edges: 1e-6 of the gradient."""
+    """A tenth of the size from the faces of a cuboid, whose gradient is exact: 1e-6 of the gradient."""
     one = AirSource("Cuboid", dimension=np.array([0.01, 0.01, 0.01]), polarization=J)
     points = np.array(
         [[0.006, 0.0, 0.0], [0.002, 0.0061, 0.003], [0.0057, 0.0057, 0.001], [0.0, 0.0, -0.012]]
@@ -186,7 +186,7 @@ def test_differences_are_as_good_as_stated():
 
 @pytest.mark.parametrize("thing", OBJECTS, ids=IDS)
 def test_there_and_back(thing):
-    """The object that is made of the data has the field of the one that they were taken from."""
+    """The object made from the data has the field of the original object."""
     points = np.array([[0.02, 0.01, -0.02], [0.0, -0.03, 0.01]])
     again = placed(magpylib_object(source(thing)))
     assert type(again) is type(thing)
@@ -195,7 +195,7 @@ def test_there_and_back(thing):
 
 @pytest.mark.parametrize("thing", CURRENTS, ids=IDS[:4])
 def test_a_coil_scales_its_currents_and_the_force_on_it_is_magpylibs(thing):
-    """Against getFT of magpylib with a dipole as the source, and turns, polarity and the coil's own place."""
+    """Against magpylib's getFT with a dipole as source; with turns, polarity and a placement of the coil."""
     place = Placement(np.array([0.01, 0.02, -0.01]), Rotation.from_rotvec([0.0, 0.5, 0.1]).as_matrix())
     coil = MagpylibCoil.from_magpylib("c", placed(thing), turns=3.0, polarity=-1, placement=place)
     nominal = getattr(thing, "current", None) or 1.0
@@ -214,7 +214,7 @@ def test_a_coil_scales_its_currents_and_the_force_on_it_is_magpylibs(thing):
 
 
 def test_any_source_can_be_a_coil(everywhere):
-    """A magnet and a source of the user's own: what they have is that of 1 A."""
+    """A magnet and a user's own source: their field counts as the field of 1 A."""
     uniform = misc.CustomSource(field_func=lambda field, observers: np.array(observers) * [1.0, 1.0, -2.0])
     group = magpylib.Collection(OBJECTS[4].copy(), uniform)
     coil = MagpylibCoil.from_magpylib("both", group)
@@ -256,7 +256,7 @@ def test_a_field_that_is_not_known_everywhere_is_told():
 
 @pytest.mark.parametrize("options", [{}, {"turns": 100.0}, {"turns": 50.0, "polarity": -1}])
 def test_strands_at_the_nominal_current_have_the_field_of_the_model(options):
-    """Two strands of 2 A and 3 A: ampere-turns, where the coil is given turns."""
+    """Two strands of 2 A and 3 A: ampere-turns, also if the coil has turns."""
     strands = [current.Circle(current=2.0, diameter=0.04), current.Circle(current=3.0, diameter=0.05)]
     coil = MagpylibCoil.from_magpylib("strands", strands, **options)
     at = np.array([[0.003, 0.002, 0.02]])

@@ -1,4 +1,4 @@
-"""Coils alone as a field: the sum of the unit fields, its derivatives against closed forms."""
+"""Coils alone as a field: the sum of unit fields, and derivatives against closed forms."""
 
 import numpy as np
 import pytest
@@ -68,14 +68,14 @@ def test_derivatives_on_the_axis_against_the_closed_form():
     coils = CoilSet([coil])
     z = np.array([0.025, 0.04, 0.08])
     points = np.column_stack([np.zeros((3, 2)), z])
-    # Differences of sixth order in z, whose error is far below what is asserted.
+    # Differences of sixth order in z, with errors far below the tolerances.
     h = 2e-4
     samples = np.array([on_axis(coil, z + k * h) for k in range(-3, 4)])
     first = np.array([-1, 9, -45, 0, 45, -9, 1]) / 60 @ samples / h
     second = np.array([2, -27, 270, -490, 270, -27, 2]) / 180 @ samples / h**2
     assert coils.field(points, 1.0)[:, 2] == pytest.approx(on_axis(coil, z), rel=1e-9)
     assert coils.gradient(points, 1.0)[:, 2, 2] == pytest.approx(first, rel=1e-7)
-    # Central differences of the gradient at 0.1 mm: 1e-4 some 5 mm from the winding, less further away.
+    # Central differences of the gradient over 0.1 mm: 1e-4 at 5 mm from the winding, less farther away.
     found = coils.second_gradient(points, 1.0)[:, 2, 2, 2]
     assert found == pytest.approx(second, rel=1e-4)
     assert found[2] == pytest.approx(second[2], rel=1e-5)

@@ -1,4 +1,4 @@
-"""What the checked functions refuse, and with which words."""
+"""Refusals of the checked functions, and their messages."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What any coil's field must do, whatever its shape: Maxwell's equations, symmetry, scaling, far field."""
+"""Properties of any coil's field: Maxwell's equations, symmetry, scaling, far field."""
 
 import dataclasses
 
@@ -81,7 +81,7 @@ def curl(gradient):
     ids=["circular", "bar", "corner", "corner to the right"],
 )
 def test_numeric_curl_inside_the_winding_is_mu0_j(coil, point, direction):
-    """Curl and divergence by differences of the field, so that the gradient's own closure is not assumed."""
+    """Curl and divergence from differences of the field, because the gradient may be trace-free by construction."""
     width = coil.outer_radius - coil.inner_radius if isinstance(coil, CircularCoil) else coil.thickness
     density = coil.turns / (width * coil.height)
     h = 1e-5
@@ -114,7 +114,7 @@ def test_circulation_around_the_winding_is_the_current_through_it():
 
 
 def test_far_field_is_the_dipole_with_slope_two(simple_coil):
-    """|B - B_dipole| / |B| falls as (size / distance)^2 for coils whose centre of area is the local origin."""
+    """|B - B_dipole| / |B| falls as (size / distance)^2 for coils whose centroid of area is the local origin."""
     coil = simple_coil
     area = {
         "circular": np.pi * (0.016**2 + 0.010**2 / 12),
@@ -139,17 +139,17 @@ def dipole_field(moment, r):
 
 
 def rounded_area(x, y, radius, thickness):
-    """Mean over the thickness of the area inside a rounded rectangle: exact, the area being quadratic in it."""
+    """Mean over the thickness of the area inside a rounded rectangle, exact because the area is quadratic in it."""
     mean_square = radius**2 + thickness**2 / 12
     return 4 * ((x - radius) * (y - radius) + (x + y - 2 * radius) * radius) + np.pi * mean_square
 
 
 def test_path_far_field_has_the_moment_of_its_area():
-    """An L of two rectangles; a rounding takes (1 - pi/4) r^2 per corner, to the left or to the right."""
+    """An L of two rectangles; a rounding changes the area by (1 - pi/4) r^2 per corner."""
     corners = np.array([[0, 0], [0.06, 0], [0.06, 0.03], [0.03, 0.03], [0.03, 0.07], [0, 0.07]])
     coil = PathCoil("angle", corners, 0.006, 0.008, 0.01, 50.0)
     square = 0.006**2
-    # five corners to the left and one to the right; across the thickness t the mean of r^2 is r^2 + t^2/12
+    # five corners to the left and one to the right; the mean of r^2 across the thickness t is r^2 + t^2/12
     sharp = 0.06 * 0.03 + 0.03 * 0.04
     area = sharp - 4 * (1 - np.pi / 4) * square + np.pi * 0.008**2 / 12
     direction = np.array([0.36, 0.48, -0.8])
@@ -205,7 +205,7 @@ def test_rounded_square_has_fourfold_symmetry_and_mirrors():
     field = unit_flux_density(coil, points)
     quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     np.testing.assert_allclose(unit_flux_density(coil, points @ quarter.T), field @ quarter.T, atol=1e-12)
-    # a mirror turns the axial vector B the other way round: B'(Mx) = det(M) M B(x), the current reversed
+    # a mirror reverses the axial vector B: B'(Mx) = det(M) M B(x), with the current reversed
     mirror = np.diag([-1.0, 1, 1])
     np.testing.assert_allclose(unit_flux_density(coil, points @ mirror), field @ mirror, atol=1e-12)
     upside = np.diag([1.0, 1, -1])
@@ -213,7 +213,7 @@ def test_rounded_square_has_fourfold_symmetry_and_mirrors():
 
 
 def test_rounded_square_without_straight_parts_is_the_circular_coil(near_and_far):
-    """Two programs: arcs of a path, and the circular winding about its own axis."""
+    """Two implementations: arcs of a path, and the circular winding about its own axis."""
     circular = CircularCoil("c", 0.011, 0.021, 0.039, 840.0)
     rounded = RoundedRectangleCoil("s", 0.016, 0.016, 0.016, 0.010, 0.039, 840.0)
     inside = [[0.012, 0.009, 0.01], [0.0, 0.0111, -0.019], [0.0, -0.016, 0.0194]]
@@ -228,7 +228,7 @@ def test_rounded_square_without_straight_parts_is_the_circular_coil(near_and_far
 
 
 def test_splitting_the_height_changes_nothing(near_and_far):
-    """Two half coils on top of each other: the upper end of one cancels the lower end of the other."""
+    """For two half coils on top of each other the upper end of one cancels the lower end of the other."""
     whole = RoundedRectangleCoil("w", 0.016, 0.016, 0.015, 0.010, 0.039, 840.0)
     halves = [
         dataclasses.replace(

@@ -23,7 +23,7 @@ def test_quadrature_itself_has_converged(simple_coil, near_and_far, biot_savart)
 
 
 def test_every_coil_equals_its_magpylib_twin(coil):
-    """To 1e-9 at most points; magpylib's CylinderSegment strays by up to 1e-7 at single ones (see the next test)."""
+    """To 1e-9 at most points; magpylib's CylinderSegment is off by up to 1e-7 at single points (see the next test)."""
     local = np.random.default_rng(4).uniform(-0.03, 0.03, (60, 3)) - [0, 0, 0.06]
     points = local @ coil.placement.rotation.T + coil.placement.position
     error = relative(unit_flux_density(coil, points), magpylib_coil(coil, shells=10).getB(points))

@@ -152,7 +152,7 @@ def test_sectors_of_cylinders_and_rings_have_their_volume_and_centroid(inner, fi
 
 @pytest.mark.parametrize("order", [[0, 1, 2, 3], [0, 2, 1, 3]])
 def test_corners_of_a_tetrahedron_may_come_in_any_order(order):
-    """Its volume is a sixth of the product of three edges at right angles, and its surface faces outward."""
+    """The volume is a sixth of the product of three orthogonal edges, and the surface faces outward."""
     tetrahedron = magnet.Tetrahedron(polarization=J, vertices=CORNERS[order])
     tetrahedron.susceptibility = 99.0
     (body,) = fm.Device.from_magpylib([current.Circle(current=1.0, diameter=0.1), tetrahedron]).bodies
@@ -193,7 +193,7 @@ def test_solved_within_the_stated_error(device):
 
 @pytest.mark.filterwarnings("ignore::fieldmap.errors.UnusualValueWarning")
 def test_a_soft_sphere_in_the_field_of_a_loop_far_away():
-    """Closed form: a dipole of (mu_r - 1)/(mu_r + 2) of the field, with one line for the user of magpylib."""
+    """In closed form a dipole of (mu_r - 1)/(mu_r + 2) of the field; one line of a magpylib user."""
     loop = current.Circle(current=1000.0, diameter=2.0)
     ball = magnet.Sphere(polarization=(0, 0, 0), diameter=0.02)
     ball.susceptibility = 999.0
@@ -224,7 +224,7 @@ def test_materials_by_label_curves_and_saturation():
         [loop, core, plate], materials={"core": steel}, mesh_size={"core": 0.003}
     )
     assert device.materials[device.bodies[0].material].initial_mu_r == 1000.0
-    # The plate's is its thickness, less than a fifth of its side.
+    # The plate's mesh size is its thickness, because this is less than a fifth of its side.
     assert [body.mesh_size for body in device.bodies] == [0.003, 0.002]
     table = device.materials[device.bodies[1].material]
     assert table.h.tolist() == [200.0, 1000.0, 10000.0]
@@ -257,7 +257,7 @@ def test_coils_of_collections_and_one_source():
 
 @pytest.mark.parametrize("nested", [False, True])
 def test_magnets_alone_are_a_device(nested):
-    """Without a coil or a body, of one Collection or of one in another: its field is magpylib's."""
+    """Without coils and bodies, from one Collection or a nested one: the device has magpylib's field."""
     magnets = [
         magnet.Cuboid(polarization=J, dimension=(0.01, 0.012, 0.014)),
         magnet.Cylinder(polarization=J, dimension=(0.01, 0.012), position=(0.03, 0, 0)),
@@ -272,7 +272,7 @@ def test_magnets_alone_are_a_device(nested):
 
 
 def test_a_solution_can_be_a_source_of_the_next_device():
-    """What `as_magpylib` gives is a magpylib source: a field that no current of the new device drives."""
+    """The result of `as_magpylib` is a magpylib source: a field that no current of the new device drives."""
     unit = fm.solve_linear("loop_and_sphere")
     ball = magnet.Sphere(polarization=(0, 0, 0), diameter=0.002, position=(0, 0, 0.05))
     ball.susceptibility = 10.0

@@ -92,7 +92,7 @@ def test_a_path_that_is_a_circle_is_a_circular_coil(reverse):
 
 
 def test_thin_rectangle():
-    """Grover, p. 60: a rectangle of square wire of side c, whose geometric mean distance is 0.44705 c."""
+    """Grover, p. 60: a rectangle of square wire of side c, with the geometric mean distance 0.44705 c."""
     a, b, side = 0.3, 0.2, 1e-3
     coil = RoundedRectangleCoil("frame", a / 2, b / 2, side / 2, side, side, 1.0)
     diagonal, gmd = np.hypot(a, b), 0.44705 * side
@@ -103,7 +103,7 @@ def test_thin_rectangle():
 
 @pytest.mark.parametrize("reverse", [False, True])
 def test_one_winding_is_the_sum_of_its_halves(reverse):
-    """A path with a re-entrant corner, cut in two along its height: L = (L1 + L2 + 2 M) / 4 for equal turns."""
+    """A path with a re-entrant corner, cut in two along its height: L = (L1 + L2 + 2 M) / 4 at equal turns."""
     corners = L_SHAPE[::-1] if reverse else L_SHAPE
     whole = PathCoil("whole", corners, 0.006, 0.008, 0.03, 10.0)
     low, high = (
@@ -131,7 +131,7 @@ def test_rules_agree_with_each_other_and_with_the_field(coil):
         np.zeros(3), abs=1e-9 * np.abs(currents.vectors).sum()
     )
     assert fluxes.vectors.sum(axis=0) == pytest.approx(moment, abs=1e-7 * np.abs(moment).max())
-    # The field far away is that of the moment.
+    # The far field is the moment's.
     axis = coil.placement.rotation[:, 2]
     far = unit_flux_density(coil, coil.placement.position + 20.0 * axis)[0]
     assert far == pytest.approx(2e-7 * moment / 20.0**3, rel=0.02, abs=5e-3 * np.linalg.norm(far))

@@ -71,7 +71,7 @@ def test_a_stack_of_loops():
 
 
 def test_mutual_inductance_with_a_winding_and_a_square():
-    """Symmetric, and the flux of the other's field through the lines."""
+    """It is symmetric, and equals the flux of the other coil's field through the lines."""
     winding = fm.CircularCoil("w", 0.01, 0.013, 0.004, 50.0).moved([0.002, 0, 0.006])
     lines = [coil(circle(), turns=3.0, name="a"), coil(square(0.05), name="b").moved([0, 0.004, -0.005])]
     matrix = bare_inductance([winding, *lines])
@@ -90,7 +90,7 @@ def test_mutual_inductance_with_a_winding_and_a_square():
 
 @pytest.mark.parametrize(("source", "length"), [(circle(current=2.0), np.pi), (square(2 * RADIUS), 4.0)])
 def test_elements_of_a_line_are_its_length_and_moment(source, length):
-    """They close, and half the sum of r x dl is the area times the current, along the normal."""
+    """The elements close, and half the sum of r x dl is the area times the current, along the normal."""
     rule = line_elements(coil(source, turns=3.0).moved([0.1, 0.2, -0.3]))
     amperes = 3.0 * source.amperes
     assert np.abs(rule.vectors.sum(axis=0)).max() < 1e-12
@@ -102,7 +102,7 @@ def test_elements_of_a_line_are_its_length_and_moment(source, length):
 
 
 def test_the_potential_on_a_straight_wire_stays_finite():
-    """mu0 I / (2 pi) arsinh(L / 2d) beside its middle; on the wire that of a distance of 1e-12 of its length."""
+    """mu0 I / (2 pi) arsinh(L / 2d) beside the middle; on the wire d is 1e-12 of its length."""
     wire = coil(polyline([[0.0, 0.0, 0.0], [0.4, 0.0, 0.0]]))
     distance = np.array([0.1, 1e-3, 1e-9, 0.0])
     points = np.column_stack([np.full(4, 0.2), distance, np.zeros(4)])
@@ -134,7 +134,7 @@ def test_the_curl_of_the_potential_is_the_field(source):
 
 
 def test_flux_of_a_background():
-    """A uniform field: area times its normal component, of a tilted loop and an L of wire."""
+    """Area times the normal component of a uniform field, for a turned loop and an L of wire."""
     field = fm.Background([0.1, 0.2, 0.3])
     corners = [
         [0, 0, 0],
@@ -150,12 +150,12 @@ def test_flux_of_a_background():
 
 
 def test_in_a_device_with_iron_and_in_a_file():
-    """Energy of the whole: a loop round a ball, L = 2 W / I^2."""
+    """From the energy, L = 2 W / I^2, for a loop around a ball."""
     ball = fm.Body("ball", "iron", fm.Sphere(0.008), 0.004)
     device = fm.Device("d", "", (coil(circle()),), (ball,), {"iron": fm.LinearMaterial("iron", 1000.0)})
     unit = fm.solve_linear(fm.read_device(device.to_toml()))
     bare = bare_inductance(device.coils)[0, 0]
-    # The dipole of the ball adds m . B / I^2 with m = 4 pi R^3 (mu_r - 1) / (mu_r + 2) B / mu0; higher moments little.
+    # The ball's dipole adds m . B / I^2 with m = 4 pi R^3 (mu_r - 1) / (mu_r + 2) B / mu0; higher moments add little.
     b = mu_0 / (2 * RADIUS)
     added = 4 * np.pi * 0.008**3 * 999 / 1002 * b**2 / mu_0
     assert unit.inductance()[0, 0] - bare == pytest.approx(added, rel=0.1)

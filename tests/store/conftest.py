@@ -1,4 +1,4 @@
-"""Small maps with numbers that any mix-up would show."""
+"""Small maps whose numbers reveal any exchange."""
 
 import h5py
 import numpy as np
@@ -61,8 +61,8 @@ def data():
 
 
 def make_model(**changes):
-    """A reduced model of two coils with numbers made up, and lengths that no two of its arrays share: 3 sample points,
-    4 modes, 5 fields of the iron, 7 knots, 6 training states."""
+    """A made-up reduced model of two coils, whose arrays all have different lengths: 3 sample points, 4 modes, 5 fields
+    of the iron, 7 knots, 6 training states."""
     rng = np.random.default_rng(3)
     given = {
         "gradients": rng.normal(size=(9, 4)),
@@ -87,7 +87,7 @@ def make_model(**changes):
 
 
 def make_saturating(model=None, **changes):
-    """A map of two coils, five fields of iron and a background: each component of each field has its own numbers."""
+    """A map of two coils, five fields of iron and a background; every component of every field has its own numbers."""
     rng = np.random.default_rng(4)
     grid = Grid([-0.02, 0.01, -0.14], [0.004, 0.005, 0.0031], (4, 3, 5))
     given = {

@@ -1,4 +1,4 @@
-"""Pieces of long work: there again after a kill at any moment, absent where they are not whole."""
+"""Pieces of long work: present after a kill at any moment, absent if incomplete."""
 
 import errno
 import hashlib
@@ -61,14 +61,14 @@ def test_pieces_come_back_to_the_bit(filled):
         assert checkpoint.note == ""
         check(checkpoint, PIECES)
         found = checkpoint.get("first").arrays["field"]
-        found[0] = 5.0  # a copy of its own
+        found[0] = 5.0  # it must be a copy
         check(checkpoint, PIECES)
     assert filled.name == "map.h5.partial"
     assert checkpoint_path("study.nc", stays=True).name == "study.nc.kept"
 
 
 def test_the_file_is_laid_out_as_its_description_says(filled):
-    """Read by the text of the module: a line of JSON; of each piece a line of 99 bytes, header, arrays, a newline."""
+    """By the module's description: a line of JSON; for each piece a line of 99 bytes, header, arrays, a newline."""
     stream = io.BytesIO(filled.read_bytes())
     assert json.loads(stream.readline()) == {"fieldmap_checkpoint": 1, "fingerprint": {"fingerprint": "one"}}
     for key, (arrays, about) in PIECES.items():
@@ -149,7 +149,7 @@ def test_a_wrong_byte_anywhere_costs_pieces_and_gives_no_wrong_one(filled):
         with Checkpoint(filled, "one") as checkpoint:
             check(checkpoint, tuple(checkpoint))
             assert set(checkpoint) <= set(PIECES)
-            # What stands between two pieces is not read; all else makes a piece absent.
+            # The byte between two pieces is not read; any other wrong byte makes a piece absent.
             assert len(checkpoint) < 3 or place < first or whole[place : place + 1] == b"\n"
 
 
@@ -182,7 +182,7 @@ def test_killed_while_it_writes(path, count, late):
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == -signal.SIGKILL, done.stderr
     with Checkpoint(path, "one") as checkpoint:
-        # The first goes to the disk at the second sync.
+        # The first piece is on the disk at the second sync.
         assert len(checkpoint) >= count - 1 - (late == "before")
         for key in checkpoint:
             np.testing.assert_array_equal(checkpoint.get(key).arrays["values"], np.arange(5.0) + int(key))
@@ -262,7 +262,7 @@ def test_a_system_that_deletes_no_open_file(filled, monkeypatch):
 
 @pytest.mark.parametrize("taken", [False, True])
 def test_windows_locks_a_byte_beyond_all_others(filled, monkeypatch, taken):
-    """The largest offset of 31 bits, so that the byte before 2^31 - 1."""
+    """At the largest 31-bit offset whose next byte is still below 2^31."""
     locked = []
 
     def locking(handle, mode, count):
@@ -307,7 +307,7 @@ def test_one_run_at_a_time(filled):
 
 
 def test_nobody_waits_who_was_not_asked_to(filled, monkeypatch):
-    """And who was looks again ten times a second at least."""
+    """With a wait the lock is tried at least ten times a second."""
     slept = []
     monkeypatch.setattr("time.sleep", slept.append)
     with Checkpoint(filled, "one"):
@@ -365,10 +365,10 @@ def put_many(checkpoint):
 
 
 def test_a_full_disk_costs_only_the_piece_of_which_it_took_a_part(path):
-    resource = pytest.importorskip("resource")  # a limit on the size of files stands for the full disk
+    resource = pytest.importorskip("resource")  # a limit on the size of files acts like a full disk
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     with Checkpoint(path, "one") as checkpoint:
-        # Small pieces are what a buffer would hold back until the file is closed.
+        # A buffer would hold small pieces back until the file is closed.
         try:
             resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
             with pytest.raises(FieldmapError):

@@ -80,7 +80,7 @@ def test_flipped_byte_in_a_chunk(path):
     refused(path, "its SHA-256 is not that of its seal")
     with pytest.raises(MapFileError, match="SHA-256"):
         read_info(path)
-    seal_map(path)  # HDF5's own checksum finds it as well
+    seal_map(path)  # HDF5's own checksum finds it too
     refused(path, "damaged or foreign")
 
 
@@ -172,7 +172,7 @@ def edited_header(file):
 
 
 def rewritten(text, **changes):
-    """The header or the report with other entries."""
+    """Change entries of the header or the report."""
 
     def change(file):
         contents = json.loads(file[f"/fieldmap/{text}"][()])
@@ -203,7 +203,7 @@ def complete(number):
 
 
 def data_set(shape=(4, 3, 5), dtype="f8", filled=True, **options):
-    """B_1/x anew."""
+    """Replace B_1/x."""
 
     def make(file):
         data = file.create_dataset(BX, shape, dtype, **options)
@@ -229,7 +229,7 @@ def error(**numbers):
 
 
 def magnets(file):
-    """Names of sources that no current drives, in a map that has no field of theirs."""
+    """Name fixed sources in a map without a constant field."""
     rewritten("header", fixed_sources=["magnet"])(file)
 
 
@@ -318,7 +318,7 @@ def test_an_error_of_nothing_is_an_error_too(path, bytes_, gradient):
 
 
 def test_plain_arrays_of_another_program_will_do(path, data):
-    """Without blocks and checksums, under a seal."""
+    """Without chunks and checksums, under a seal."""
 
     def plain(file):
         values = file[BX][()]
@@ -360,7 +360,7 @@ def test_a_reduced_model_is_a_group_and_has_one_parametrisation(tmp_path):
 
 
 def test_shipped_maps_have_names(tmp_path, monkeypatch):
-    """A name without folder and ending; a file of that name comes first."""
+    """A name without folder and ending; a file of this name takes precedence."""
     monkeypatch.chdir(tmp_path)
     shipped = map_path("sample")
     assert (shipped.name, shipped.is_file()) == ("sample.h5", True)
@@ -382,7 +382,7 @@ def test_the_seal_is_a_line_of_text(tmp_path, length):
         check_seal(path)
         line = f"\n# sealed by fieldmap: {length:016x} {hashlib.sha256(raw).hexdigest()}\n"
         assert path.read_bytes() == raw + line.encode()
-    # Of other hexadecimal digits, another length of the file, or without its end it is none that fits.
+    # Lines with other characters or without their end are no seals; seals of another length or digest do not fit.
     for wrong in (line[:-1] + "x", line[1:], line.replace(" sealed", " Sealed"), line.replace(": ", ": g")):
         path.write_bytes(raw + wrong.encode())
         assert not is_sealed(path)

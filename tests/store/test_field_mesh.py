@@ -1,4 +1,4 @@
-"""Fields of other programs: every attribute has a number of its own, and what is no such field is refused."""
+"""Fields of other programs: every attribute has its own number, and other files are refused."""
 
 import h5py
 import numpy as np
@@ -14,7 +14,7 @@ NUMBERS = np.arange(24.0).reshape(SHAPE)
 
 
 def written(path, place="/ExternalFieldPath/1", root="/ExternalFieldPath/%T/", **changes):
-    """A file of openPMD: Bx stored as it is, By complex and in mT, Bz constant."""
+    """An openPMD file: Bx as stored, By complex and in mT, Bz constant."""
     attributes = {
         "gridGeometry": np.bytes_(b"rectangular"),
         "axisLabels": np.array([b"x", b"y", b"z"]),

@@ -1,4 +1,4 @@
-"""Nodes of a grid, and what is refused."""
+"""Nodes of a grid, and refusals."""
 
 import pkgutil
 from dataclasses import fields, is_dataclass
@@ -85,7 +85,7 @@ def test_fields_must_fit_grid_and_coils(name):
 
 
 def test_a_description_must_fit_its_coils():
-    """A constant field may be all that there is."""
+    """A constant field alone is allowed."""
     for coils, current, where, received in (
         (("a", "a"), [1.0, 1.0], "coil_names", "('a', 'a')"),
         ((), [], "coil_names", "()"),
@@ -114,7 +114,7 @@ def test_a_description_must_fit_its_coils():
 
 
 def test_fields_of_iron_and_a_background():
-    """Of two coils, five fields of iron and a background: names, scales and weights in this order."""
+    """For two coils, five fields of iron and a background: names, scales and weights in this order."""
     data = make_saturating()
     modes = [f"iron mode {k}" for k in (1, 2, 3, 4, 5)]
     assert data.field_names == ("upper left", "1", *modes, "no current")
@@ -147,7 +147,7 @@ def test_fields_of_iron_and_a_background():
     ],
 )
 def test_parts_of_a_thousand_nodes_at_most(shape, planes, ends):
-    """As few as possible, as equal as possible, of whole x-planes."""
+    """The fewest parts of whole x-planes, with sizes as equal as possible."""
     grid = Grid([0, 0, 0], [1, 1, 1], shape)
     assert planes_per_chunk(grid) == planes
     chunks = chunks_of(grid)
@@ -163,7 +163,7 @@ BY_VALUE = {
 
 
 def test_records_do_not_change_and_those_with_arrays_are_not_compared():
-    """Nor with fields of another library in them. What people see is one line, as `Record` writes it."""
+    """Records with fields of other libraries are not compared either. Their text is one line, from `Record`."""
     seen = {}
     for package in ("io", "store"):
         for found in pkgutil.iter_modules(

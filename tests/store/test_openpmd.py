@@ -1,4 +1,4 @@
-"""What other programs see: the openPMD validator, and openPMD-beamphysics' FieldMesh."""
+"""Maps in other programs: the openPMD validator, and openPMD-beamphysics' FieldMesh."""
 
 import hashlib
 import json
@@ -16,9 +16,9 @@ from tests.store.conftest import make_model, make_saturating
 
 
 def validated(path, monkeypatch, capsys):
-    """Exit status of the validator, errors and warnings, and what it prints."""
+    """The validator's exit status, errors, warnings, and printed text."""
     with warnings.catch_warnings(), monkeypatch.context() as patch:
-        warnings.simplefilter("ignore")  # of its own, which are not ours to mend
+        warnings.simplefilter("ignore")  # its own warnings, which we cannot mend
         from openpmd_validator.check_h5 import main
 
         patch.setattr(sys, "argv", ["check", "-i", str(path)])
@@ -53,7 +53,7 @@ def test_validator_would_find_an_error(data, tmp_path, monkeypatch, capsys):
 
 def test_fieldmesh_reads_every_coil_in_tesla(make_map, file):
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of its own imports, which are not ours to mend
+        warnings.simplefilter("ignore")  # warnings of its own imports, which we cannot mend
         from beamphysics import FieldMesh
     data = make_map(coil_names=("1", "upper left", "Spule ø"), reference_current=2.0)
     assert list(file["ExternalFieldPath"]) == ["1", "2", "3"]
@@ -109,7 +109,7 @@ def test_strings_have_fixed_length_and_numbers_a_checksum(file):
 
 def test_the_same_map_has_the_same_bytes_a_second_later(data, tmp_path):
     first = write_map(tmp_path / "first.h5", data).read_bytes()
-    time.sleep(1.1)  # what HDF5 counts in, where it keeps times
+    time.sleep(1.1)  # HDF5 keeps times in seconds
     assert write_map(tmp_path / "second.h5", data).read_bytes() == first
 
 
@@ -239,7 +239,7 @@ def test_fields_of_iron_and_a_background_for_other_programs(tmp_path):
 
 
 def test_the_texts_are_readable(file):
-    """As they are, one key in each line."""
+    """One key per line, without decoding."""
     lines = file["/fieldmap/header"][()].decode().splitlines()
     assert ' "title": "A map for tests, 20 °C",' in lines
     header = json.loads(" ".join(lines))

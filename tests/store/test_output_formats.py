@@ -1,4 +1,4 @@
-"""Which paths may be written: by their ending, by what lies there, by what else is read or written."""
+"""Which paths may be written: by their ending, by an existing file, by the other inputs and outputs."""
 
 import errno
 import os
@@ -84,7 +84,7 @@ def test_endings(tmp_path, formats, told):
 
 
 def test_places_that_cannot_be_written(tmp_path, monkeypatch):
-    """Nearest folder that is there; a file in its place; what lies there and cannot be read."""
+    """The nearest existing folder is checked; a file in place of a folder; an existing path that cannot be read."""
     asked = []
     monkeypatch.setattr("os.access", lambda folder, mode: asked.append((folder, mode)))
     (problem,) = output_problems("-o", tmp_path / "new" / "folder" / "a.h5", ["map"])

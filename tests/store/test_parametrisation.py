@@ -1,4 +1,4 @@
-"""How a map of saturating iron states which currents it is for, and how older files did."""
+"""How a map of saturating iron states its domain of currents, also in older files."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The arrays of a reduced model: what fits together, what is refused, and how a file keeps them."""
+"""The arrays of a reduced model: consistency, refusals, and storage."""
 
 import h5py
 import numpy as np
@@ -12,7 +12,7 @@ from fieldmap.store.reduced_model import parametrisation_of
 from tests.refusals import refused
 from tests.store.conftest import make_model, make_saturating
 
-# Lengths as the class states them: p = 3, r = 4, c = 2, k = 5, 7 knots, 6 states, 2 signals.
+# Lengths as in the class: p = 3, r = 4, c = 2, k = 5, 7 knots, 6 states, 2 signals.
 SHAPES = {
     "gradients": (9, 4),
     "source": (9, 2),
@@ -103,7 +103,7 @@ def test_numbers_that_do_not_belong_together(name, values):
     beside = {"known_amplitudes": np.zeros((0, 4))} if name == "known_currents" else {}
     with pytest.raises(InputError) as caught:
         make_model(**{name: np.array(values)}, **beside)
-    # Arrays of other dimensions are told of together.
+    # An array with another number of dimensions is reported together with the others.
     where = "source" if np.ndim(values) != make_model().arrays[name].ndim else name
     assert caught.value.problems[0].where == f"reduced model, {where}"
 
@@ -129,7 +129,7 @@ def test_one_law_and_laws_of_one_knot():
 
 
 def test_a_file_keeps_each_array_with_its_checksum(tmp_path):
-    """A block that is missing would be NaN, or -1 where numbers are whole: neither is a number of a model."""
+    """A missing chunk reads as nan, or as -1 for integers, which no model contains."""
     path = write_map(tmp_path / "map.h5", make_saturating())
     with h5py.File(path) as file:
         group = file[REDUCED_MODEL]

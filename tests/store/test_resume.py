@@ -14,8 +14,8 @@ from fieldmap.errors import FieldmapError
 from fieldmap.store import FieldError, checkpoint_path, open_writer, read_map, write_map
 from tests.store.conftest import numbers_in
 
-# Writes the map of conftest.py (9 chunks) and kills itself at the n-th time that something reaches the disk, before
-# or after it does: 1 the beginning, 2 the solution, 3 to 11 the chunks, 12 the seal of the finished file.
+# Writes the map of conftest.py (9 chunks) and kills itself before or after the n-th sync to the disk: 1 the beginning,
+# 2 the solution, 3 to 11 the chunks, 12 the seal of the finished file.
 KILLED_RUN = """
 import os, signal, sys
 from importlib.util import module_from_spec, spec_from_file_location
@@ -85,7 +85,7 @@ def test_a_killed_run_is_resumed_to_the_same_bytes(large, whole, tmp_path, count
 
 @pytest.fixture(scope="module")
 def whole(make_map, tmp_path_factory):
-    """The numbers of the map that is written in one go."""
+    """The numbers of the map written in one go."""
     return numbers_in(write_map(tmp_path_factory.mktemp("whole") / "map.h5", make_map(shape=(9, 20, 30))))
 
 
@@ -151,7 +151,7 @@ def test_begun_anew_on_request(large, tmp_path):
 
 
 def test_a_map_in_memory_is_written_as_it_is(large, tmp_path):
-    """Nothing is read from the parts; what a run states beside the numbers is kept."""
+    """The parts are not read; the run's own statements are kept."""
     bounds = {"harmonic": FieldError(3e-9, 5e-7)}
     with open_writer(tmp_path / "map.h5", large) as writer:
         path = writer.finish({"iterations": 7}, ("linear",), FieldError(1e-9, 2e-7), bounds, data=large)

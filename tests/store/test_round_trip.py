@@ -1,4 +1,4 @@
-"""What is written is what is read."""
+"""A map that is read has the numbers that were written."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -30,7 +30,7 @@ def test_everything_comes_back(data, tmp_path):
 
 
 def test_fields_of_iron_and_a_background_come_back(tmp_path):
-    """To the bit as the map in memory says they will: a current of 0.3 A rounds."""
+    """Equal bits to `as_read`, because the reference current of 0.3 A rounds."""
     data = make_saturating()
     path = write_map(tmp_path / "map.h5", data)
     again, expected = read_map(path), data.as_read()
@@ -49,7 +49,7 @@ def test_fields_of_iron_and_a_background_come_back(tmp_path):
 )
 @pytest.mark.parametrize("name", ["flux_density", "gradient"])
 def test_numbers_of_edges_and_wires_are_no_field(large, tmp_path, name, value, written):
-    """1e15 T is the most; the fifth of nine planes is named."""
+    """The limit is 1e15 T; the message names the fifth of nine planes."""
     values = getattr(large, name).copy()
     values[1, 4, 2, 3, -1] = value
     data = replace(large, **{name: values})

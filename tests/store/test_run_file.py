@@ -1,4 +1,4 @@
-"""Recorded runs: what was put in comes out, and other files are told apart."""
+"""Recorded runs return what was written, and other files are recognised."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Maps that missed their accuracy: the largest errors of made-up reports, and at which line the warning points."""
+"""Maps that missed their accuracy: the largest errors in made-up reports, and the line at which the warning points."""
 
 import runpy
 import warnings
@@ -11,7 +11,7 @@ from fieldmap.store.stated_accuracy import largest_share
 
 
 def report(flux=0.01, gradient=0.02, within=0.01, **more):
-    """flux and gradient: the largest, in different kinds of states, the first and the last."""
+    """flux, gradient: the largest errors, in different kinds of states."""
     tried = {
         "searched for": {"flux_density_share": flux, "gradient_share": 0.001, "states": 3},
         "at random": {"flux_density_share": 0.002, "gradient_share": 0.003, "states": 40},
@@ -21,7 +21,7 @@ def report(flux=0.01, gradient=0.02, within=0.01, **more):
 
 
 def test_errors_of_twice_the_accuracy_are_allowed_and_twice_as_much_of_the_gradient():
-    """held_out_within is twice the accuracy of the recipe already."""
+    """held_out_within already is twice the recipe's accuracy."""
     assert missed_accuracy(report()) is None
     assert missed_accuracy(report(flux=0.0101)) == MissedAccuracy(0.0101, 0.02, 0.005, 543)
     assert missed_accuracy(report(gradient=0.0201)) == MissedAccuracy(0.01, 0.0201, 0.005, 543)

@@ -1,4 +1,4 @@
-"""`check_map` and `fieldmap check MAP`: a sound map passes, and everything that is wrong is named, all at once."""
+"""`check_map` and `fieldmap check MAP`: a sound map passes, and all faults are named at once."""
 
 import json
 from dataclasses import replace
@@ -94,8 +94,8 @@ def relative(values):
 
 @pytest.mark.parametrize("shape", [(4, 5, 3), (2, 2, 3), (3, 2, 2), (2, 4, 2), (3, 3, 2)])
 def test_the_deviations_are_the_largest_and_relative(tmp_path, shape):
-    """Each put into one node of one field, a smaller one into the other: shares of the largest of that field. Of
-    polynomials of third degree a step of B over two cells is the integral to the last bit."""
+    """One deviation in a node of one field, a smaller one in the other field, relative to each field's largest value.
+    For cubic polynomials a difference of B over two cells equals the integral to the last bit."""
     data = harmonic_map(shape)
     flux, slope = data.flux_density.copy(), data.gradient.copy()
     largest = relative(slope[0]), relative(slope[1])
@@ -103,7 +103,7 @@ def test_the_deviations_are_the_largest_and_relative(tmp_path, shape):
     for field in data.flux_density:
         parts = [np.moveaxis(field, k, 0) for k in range(3) if shape[k] >= 3]
         steps.append(max(relative(part[2:] - part[:-2]) for part in parts))
-    # Small ones in the nodes that the smaller field has largest stay below.
+    # The deviations of the smaller field stay below those of the larger one.
     slope[0, 1, 1, 1, 1, 1] += 3e-5 * largest[0]
     slope[1, 0, 1, 0, 2, 2] -= 7e-5 * largest[1]
     slope[0, 0, 0, 1, 0, 1] += 9e-5 * largest[0]
@@ -149,7 +149,7 @@ LIMITS = {
 @pytest.mark.parametrize("share", [0.97, 1.03])
 @pytest.mark.parametrize("what", LIMITS)
 def test_limits(tmp_path, what, share):
-    """1e-4, 1e-4, 5 % and 1e-9, as the page on map files says."""
+    """The limits on the page of map files: 1e-4, 1e-4, 5 % and 1e-9."""
     data = harmonic_map((2, 2, 3))
     flux, slope = data.flux_density.copy(), data.gradient.copy()
     if what in ("divergence", "curl"):
@@ -174,7 +174,7 @@ def test_limits(tmp_path, what, share):
 
 
 def test_a_deviation_of_the_limit_itself_is_allowed(tmp_path):
-    """The largest gradient is 1 T/m, the trace 1e-4 T/m, both to the last bit."""
+    """The largest gradient is 1 T/m and the trace 1e-4 T/m, both to the last bit."""
     slope = np.zeros((1, 2, 2, 2, 3, 3))
     slope[..., 0, 1] = slope[..., 1, 0] = 1.0
     slope[..., 0, 0] = 1e-4
@@ -184,7 +184,7 @@ def test_a_deviation_of_the_limit_itself_is_allowed(tmp_path):
 
 
 def test_without_a_field_deviations_are_absolute(tmp_path):
-    """There is no largest to relate them to."""
+    """There is no largest value for a relative deviation."""
     nothing = harmonic_map(flux_density=np.zeros((2, 4, 5, 3, 3)), gradient=np.zeros((2, 4, 5, 3, 3, 3)))
     path = write_map(tmp_path / "map.h5", nothing)
     found = check_map(path)
@@ -200,7 +200,7 @@ def test_without_a_field_deviations_are_absolute(tmp_path):
 
 
 def test_the_weights_of_the_total(tmp_path):
-    """Random numbers are no magnetic field; but their total is what it should be."""
+    """Random numbers are no magnetic field, but their total is right."""
     path = write_map(tmp_path / "map.h5", make_saturating())
     with pytest.raises(MapFileError) as caught:
         check_map(path)
@@ -234,7 +234,7 @@ def test_every_part_is_flagged_once(tmp_path, flags, received):
 
 
 def test_what_cannot_be_read_is_named_in_one_line(path):
-    """A wrong byte in a block, below its checksum: the other data sets are checked all the same."""
+    """A wrong byte in a chunk with a checksum; the other data sets are still checked."""
     with h5py.File(path) as file:
         place = file["/data/0/meshes/gradB_upper/yz"].id.get_chunk_info(0).byte_offset
     raw = bytearray(path.read_bytes())
@@ -247,7 +247,7 @@ def test_what_cannot_be_read_is_named_in_one_line(path):
 
 
 def problems_after(path, change, told=False):
-    """What must hold of each problem; told: the problems themselves."""
+    """`must_hold` of each problem after a change; told: the problems themselves."""
     with h5py.File(path, "r+") as file:
         change(file)
     seal_map(path)
@@ -280,7 +280,7 @@ def relink(number, link):
 
 
 def exchange(file):
-    """Components x and y of B in each other's place."""
+    """Exchange the components x and y of B."""
     x, y = (file[f"/data/0/meshes/B_upper/{c}"] for c in "xy")
     x[...], y[...] = y[()], x[()]
 
@@ -365,5 +365,5 @@ def test_a_header_that_claims_a_giant_grid_costs_nothing(path, monkeypatch):
     found = " | ".join(problems_after(path, change))
     assert "flagged" in found
     assert "B_lower/z: float64 " in found
-    # Once for each quantity, not for each of 2e6 pieces.
+    # Once per quantity, not once for each of 2e6 pieces.
     assert len(asked) < 10

@@ -8,9 +8,9 @@ from fieldmap.store import write_map
 
 
 def test_xarray_reads_a_record_with_its_coordinates(make_map, tmp_path):
-    """As docs/map_file.md shows it."""
+    """As shown in docs/map_file.md."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of its own imports
+        warnings.simplefilter("ignore")  # warnings of its own imports
         import xarray
     data = make_map(reference_current=2.0)
     path = write_map(tmp_path / "map.h5", data)

@@ -1,4 +1,4 @@
-"""Small devices whose answers are known in closed form, and studies of them."""
+"""Small devices with closed-form solutions, and studies of them."""
 
 import textwrap
 import warnings
@@ -11,7 +11,7 @@ from scipy.constants import mu_0
 from scipy.special import eval_legendre
 
 with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # of its own imports
+    warnings.simplefilter("ignore")  # warnings of its own imports
     import xarray  # noqa: F401
 
 DEVICES = Path(__file__).parents[1] / "devices"
@@ -70,7 +70,7 @@ def grid(devices):
 
 @pytest.fixture(scope="session")
 def sphere_below_loop():
-    """B_z on the axis below the sphere per ampere and turn, in closed form."""
+    """B_z on the axis below the sphere, per ampere and turn, in closed form."""
     return _sphere_below_loop
 
 

@@ -1,4 +1,4 @@
-"""Study files with [optimise]: what they become, and all their mistakes at once."""
+"""Study files with [optimise]: how they are read, and all their mistakes at once."""
 
 import functools
 from dataclasses import replace
@@ -57,7 +57,7 @@ def test_a_file_becomes_a_problem(devices):
 
 
 def test_what_a_file_asks_for(devices, tmp_path):
-    """The radius of the strongest gradient 60 mm below a thin loop, and the current at its limit."""
+    """The radius with the strongest gradient 60 mm below a thin loop, and the current at its limit."""
     found = solve_problem(read_design_problem(devices.study("best.toml", GOOD)), tmp_path / "best.nc")
     assert found.values["coil.loop.inner_radius_mm"] == pytest.approx(60 * np.sqrt(2 / 3) - 0.5, abs=0.1)
     assert found.values["current.loop"] == pytest.approx(2.0, rel=1e-3)
@@ -126,7 +126,7 @@ def test_violations_and_scales_of_limits():
 
 
 def test_steps_of_variables():
-    """A fiftieth of the range, or as given; a key of the device or the current of coils."""
+    """A fiftieth of the range unless given; for a key of the device or the current of coils."""
     assert Variable("coil.a.turns", 10.0, 60.0).difference == pytest.approx(1.0)
     assert Variable("coil.a.turns", 10.0, 60.0, step=0.25).difference == 0.25
     assert [Variable(key, 0.0, 1.0).is_current for key in ("current.a", "coil.current.turns")] == [
@@ -169,7 +169,7 @@ upper = 2.0
 
 
 def test_currents_that_vary(devices):
-    """In every set whose currents are given; those of the other coils stay, and the start is that of the first set."""
+    """The variable applies to each set with given currents; other coils keep theirs; the start is the first set's."""
     (devices.folder / "pair.toml").write_text((DEVICES / "pair.toml").read_text())
     problem = read_design_problem(devices.study("two.toml", TWO))
     assert (problem.starts.tolist(), problem.keys, problem.sign) == ([-1.0], ("current.lower",), 1.0)
@@ -185,7 +185,7 @@ def test_currents_that_vary(devices):
         for entry in problem.currents_at(np.array([value])):
             assert entry.common == common
             np.testing.assert_allclose(common * entry.shares, [value, value])
-    # A key of the device starts at its own value.
+    # A key of the device starts at the device's value.
     text = (
         TWO.replace('"current.lower"', '"coil.lower.turns"')
         .replace("-2.0", "100.0")
@@ -253,7 +253,7 @@ def test_mistakes_of_two_sets(devices, before, after, places):
 def test_designs_of_an_earlier_search_are_taken_where_their_numbers_are_the_same(
     devices, before, after, same
 ):
-    """Not of bounds, starts, methods and limits; the mesh is told of each design."""
+    """Bounds, starts, methods, limits and the mesh do not change the fingerprint; each design records its mesh."""
     assert GOOD.count(before) == 1
     one, other = (
         read_design_problem(devices.study("good.toml", text)) for text in (GOOD, GOOD.replace(before, after))
@@ -262,7 +262,7 @@ def test_designs_of_an_earlier_search_are_taken_where_their_numbers_are_the_same
 
 
 def test_every_key_that_follows_counts(devices):
-    """However many there are."""
+    """In a list of any length."""
     keys = [f'"coil.loop.position_mm.{1 + k % 3}"' for k in range(9)]
     found = set()
     for last in keys[:3]:

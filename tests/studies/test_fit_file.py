@@ -62,7 +62,7 @@ deviation_mT = {[0.01] * len(heights_mm)}
 
 
 def lift(use, depths_mm):
-    # Places are the magnet's. Its moment points up, so B must grow upwards.
+    # Positions are of the magnet. Its moment points up, so B must grow upwards.
     amperes = [0.01 * g / (0.8 * slope_on_axis(1e-3 * (z - HEIGHT_MM))) for z in depths_mm]
     return f"""
 [[lift_current]]
@@ -87,7 +87,7 @@ def test_the_height_of_a_loop_from_a_probe_on_its_axis(fit_file):
     for one in predicted:
         assert one.after == pytest.approx(one.measured, rel=1e-3, abs=1e-9)
         assert one.misfit_before > 5 * one.misfit
-    # By hand: one parameter, d ln B / dz; deviations of 0.01 mT.
+    # By hand: one parameter, slope dB/dz, deviations of 0.01 mT.
     step = 1e-6
     slopes = [(on_axis(z - step) - on_axis(z + step)) / (2 * step) for z in (-0.07, -0.08)]
     deviation = 1e3 * 1e-5 / np.linalg.norm(slopes)
@@ -95,7 +95,7 @@ def test_the_height_of_a_loop_from_a_probe_on_its_axis(fit_file):
 
 
 def test_each_point_has_its_deviation(fit_file):
-    """In all components of it; what was not read is no number."""
+    """The same in all components at a point; a component without a reading is nan."""
     text = HEAD + probe("fit", [-70, -80]).replace("[0.01, 0.01]", "[0.01, 0.04]")
     (table,) = read_fit(fit_file(text)).readings
     np.testing.assert_allclose(table.deviation, [1e-5, 1e-5, 1e-5, 4e-5, 4e-5, 4e-5], rtol=1e-12)
@@ -294,7 +294,7 @@ def test_labels_and_units_of_readings(fit_file):
     }
     assert asked.units == {"probe fit": ("mT", 1e-3), "bridge": ("mH", 1e-3), "lift": ("A", 1.0)}
     table, line = asked.readings
-    # The columns are those of the components in their order.
+    # The columns of readings follow their list of components.
     np.testing.assert_allclose(np.ravel(table.measured), [on_axis(-0.07), np.nan, 0.0])
     assert float(table.deviation[0]) == pytest.approx(1e-5)
     assert (line.measured.tolist(), float(line.deviation)) == ([0.05], 1e-4)
@@ -303,7 +303,7 @@ def test_labels_and_units_of_readings(fit_file):
 
 @pytest.mark.parametrize(("iron", "saturating"), [("", True), ('iron = { model = "linear" }', False)])
 def test_how_iron_is_solved(fit_file, tmp_path, iron, saturating):
-    """As the device's materials say, unless the file does; at the refinement of the file."""
+    """By the device's materials unless the file gives a model; at the file's refinement."""
     (tmp_path / "sphere.toml").write_text((DEVICES / "sphere_below_loop.toml").read_text())
     text = HEAD.replace("thin_loop", "sphere").replace("[[unknown]]", f"{iron}\n[[unknown]]")
     asked = read_fit(fit_file(text.replace("start = 0.0", "start = 3.0") + PROBE))

@@ -17,7 +17,7 @@ def run(grid, tmp_path_factory):
 
 
 def test_every_variant_is_a_device_file_of_its_own(run, devices):
-    """The same keys changed by hand, read and solved directly, at two opposite corners of the grid."""
+    """Against the same keys changed by hand, read and solved directly, at two opposite corners of the grid."""
     text = devices.sphere.read_text()
     for turns, radius in ((100, 10.0), (250, 8.0)):
         by_hand = text.replace("turns = 100", f"turns = {turns}")
@@ -29,7 +29,7 @@ def test_every_variant_is_a_device_file_of_its_own(run, devices):
 
 
 def test_the_field_is_that_of_the_closed_form(run, sphere_below_loop):
-    """Legendre series of a permeable sphere below a loop; the mesh of the tests is coarse."""
+    """Against the Legendre series of a permeable sphere below a loop; the tests use a coarse mesh."""
     for radius in (8.0, 10.0):
         for turns in (100, 250):
             exact = turns * sphere_below_loop(0.014, radius=1e-3 * radius, mu_r=1000.0)
@@ -97,7 +97,7 @@ def test_saturating_iron_is_that_of_a_direct_solve(devices, tmp_path, sphere_bel
     soft = fm.read_device(devices.sphere.read_text().replace("polarisation_T = 1.5", "polarisation_T = 0.6"))
     state = fm.solve(soft, [300.0], refinement=0.6, estimate=True)
     at = run.data.sel(variant="soft", currents="strong")
-    # Another process may sum in another order: both solve to a residual far below this bound.
+    # Another process may sum in another order; both residuals are far below this bound.
     np.testing.assert_allclose(at.flux_density[0], state.field([0, 0, -0.014]), rtol=0, atol=1e-9)
     assert float(at.largest_flux_density) == pytest.approx(state.report.largest_flux_density, rel=1e-8)
     assert float(at.error_flux_density) == pytest.approx(state.report.error.flux_density, rel=1e-6)
@@ -109,12 +109,12 @@ def test_saturating_iron_is_that_of_a_direct_solve(devices, tmp_path, sphere_bel
 def test_names_of_shipped_studies():
     study = read_study("pole_disk")
     assert len(study.variants) == 12
-    # The unit as it is stands in the grid unchanged.
+    # The variant with the unit's own values is the unchanged unit.
     same, thick = study.variants[study.shape[1] + 1 : study.shape[1] + 3]
     assert thick.name == "radius = 66, thickness = 12"
     device = thick.document.data
     assert device["body"][0]["height_mm"] == 12.0
-    # Everything on the disk has moved up by 6 mm, the yoke's leg has grown by that.
+    # All parts on the disk moved up by 6 mm, and the yoke's leg grew by 6 mm.
     plain = study.device_document.data
     assert same.document.data == plain
     lifted, as_they_were = ([*of["body"][1:9], *of["coil"]] for of in (device, plain))
@@ -127,7 +127,7 @@ def test_names_of_shipped_studies():
 
 
 def test_rows_and_words_of_a_run(run):
-    """Every number of the data set by variant, for programs too; what was asked of the iron and the record."""
+    """Every number of the data set by variant, also as plain Python; the settings of iron and record."""
     rows = run.rows()
     assert [row.settings for row in rows] == [
         {"turns": t, "radius": r} for t in (100, 250) for r in (8.0, 10.0)
@@ -156,7 +156,7 @@ def test_rows_and_words_of_a_run(run):
     )
     assert about["current_limit_A"] == "none"
     assert about["fingerprint"] == run.study.fingerprint
-    # Nothing here is carried.
+    # No set of currents carries a payload here.
     assert "payload" not in about["assumptions"]
     assert "copper" not in about["assumptions"]
     for name, axis in (("coil", "loop"), ("body", "sphere")):
@@ -167,7 +167,7 @@ def test_rows_and_words_of_a_run(run):
 
 
 def test_the_error_of_linear_iron_is_that_of_a_coarser_mesh(devices, tmp_path):
-    """Of mesh sizes 1.4 times as large, and of the other form."""
+    """Against mesh sizes 1.4 times as large, and the other formulation."""
     text = """
     format = 1
     title = "Errors"

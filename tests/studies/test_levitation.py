@@ -1,5 +1,5 @@
-"""What levitates a magnet under a loop in air, against the field on a loop's axis; the six-coil unit against a linear
-program."""
+"""Levitation of a magnet under a loop in air against the field on the loop's axis; the six-coil unit against
+linear programs."""
 
 from types import SimpleNamespace
 
@@ -69,10 +69,10 @@ def test_lift_current_stiffness_and_area(run, turns):
     np.testing.assert_allclose(place(at), [0, 0, -0.09], atol=1e-9)
     vertical = -MOMENT * current * curvature(-0.09, turns)
     assert float(at.stiffness_z) == pytest.approx(vertical, rel=1e-4)
-    # A vertical dipole in a harmonic field: the three stiffnesses add up to nothing (Earnshaw).
+    # A vertical dipole in a harmonic field: the three stiffnesses sum to zero (Earnshaw).
     for axis in "xy":
         assert float(at[f"stiffness_{axis}"]) == pytest.approx(-vertical / 2, rel=1e-4)
-    # While force is proportional to displacement, pi (f m g)^2 / (k_x k_y); here f = 1 %.
+    # For a force proportional to displacement the area is pi (f m g)^2 / (k_x k_y); here f = 1 %.
     ellipse = np.pi * (0.01 * WEIGHT / (vertical / 2)) ** 2
     assert float(at.equilibrium_area) == pytest.approx(ellipse, rel=2e-3)
 
@@ -100,7 +100,7 @@ def test_more_turns_do_what_more_current_does(run):
 
 
 def springs(kx, ky, b=0.0):
-    """A harmonic field whose force on a unit moment is F = (-k_x x, -k_y y, LIFT - k_z z); b bends it along x."""
+    """A harmonic field with the force F = (-k_x x, -k_y y, LIFT - k_z z) on a unit moment; b adds curvature along x."""
     g = np.zeros((4, 3))
     g[2, 0], g[0, 2], g[3, 0], g[1, 2] = -kx / 2, -ky / 2, b / 3, -b
     return PolynomialField([lifting_above(g, LIFT)], np.full(3, -0.05), np.full(3, 0.05))
@@ -143,7 +143,7 @@ def test_reach_says_how_much_is_missing(devices):
 
 
 def test_controllable_share_is_that_of_linear_programs():
-    """Six air coils on a ring: the share of the workspace in which a linear program finds currents."""
+    """Six air coils on a ring: the share of the workspace where a linear program finds currents."""
     limit = 12.0
     device = fm.read_device("drive_unit_a3")
     unit = fm.solve_linear(type(device)(name="air", title="air", coils=device.coils))
@@ -163,7 +163,7 @@ SIDES = [(0, -1), (0, 1), (1, -1), (1, 1)]
 
 
 class Elsewhere:
-    """Springs whose rest lies at a place beside the middle of a box."""
+    """Springs whose rest is away from the middle of a box."""
 
     place, coil_names = np.array([0.002, -0.001, 0.003]), ("one",)
 
@@ -178,7 +178,7 @@ class Elsewhere:
 
 
 def outline(side=None, room=0.0):
-    """Of springs of 2 and 3 N/m, at 5 mN: 2.5 mm and 5/3 mm; room: to one side of the box, m."""
+    """The outline at 5 mN with springs of 2 and 3 N/m: 2.5 mm and 5/3 mm; room: distance to one side of the box, m."""
     lower, upper = Elsewhere.place - 0.05, Elsewhere.place + 0.05
     if side is not None:
         axis, sense = side
@@ -207,7 +207,7 @@ def test_the_outline_stays_in_the_workspace(side):
 
 
 class Lifting:
-    """Coils whose force on an upward moment of 1 A m^2 is given per ampere, N/A, and one that none drives."""
+    """Coils with given force per ampere, N/A, on an upward moment of 1 A m^2, and a constant force without current."""
 
     def __init__(self, coils, constant):
         self.coils, self.constant, self.points = coils, constant, None
@@ -226,7 +226,7 @@ class Lifting:
 
 
 UP = [lambda x, y, z: (0.0, 0.0, z)]
-# Two whose horizontal forces cancel where both have the same current.
+# Two coils whose horizontal forces cancel at equal currents.
 PAIR = [lambda x, y, z: (2.0, y, 0.5 * z), lambda x, y, z: (-2.0, -y, 0.5 * z)]
 BESIDE = [*UP, lambda x, y, z: (1.0, 0.0, 0.0)]
 
@@ -248,7 +248,7 @@ BESIDE = [*UP, lambda x, y, z: (1.0, 0.0, 0.0)]
     ],
 )
 def test_controllable_share_counts_cells(coils, constant, share):
-    """A weight of 3.2 N, 1 A at most: cells of 7 x 7 x 9 by their centres, with heights of 0.5 m to 8.5 m."""
+    """A weight of 3.2 N and at most 1 A, at the centres of 7 x 7 x 9 cells, with heights of 0.5 m to 8.5 m."""
     field = Lifting(coils, constant)
     payload = fm.Payload(mass=3.2 / 9.80665, moment=1.0)
     found = controllable_share(field, payload, np.array([0.0, 3.0, 0.0]), np.array([0.7, 3.7, 9.0]), 1.0)
@@ -260,7 +260,7 @@ def test_controllable_share_counts_cells(coils, constant, share):
 
 
 def test_reach_of_a_loop(devices):
-    """Whichever way the current flows; what is missing is told, and what lifts everywhere ends at the lower end."""
+    """For either sign of the current; messages name the share carried; a lift at every height gives the lower end."""
     device = fm.read_device(devices.loop)
     field = as_field(fm.solve_linear(device), device.bounds)
     exact = brentq(lambda z: 3.0 * MOMENT * slope_on_axis(z) - WEIGHT, -0.2, -0.05)
@@ -272,7 +272,7 @@ def test_reach_of_a_loop(devices):
     assert lowest_lift_height(field, np.array([1.0]), device.payload, np.zeros(3)) == pytest.approx(
         one, abs=2e-6
     )
-    # At the upper end, -40 mm, is the most of 0.01 A.
+    # The lift of 0.01 A is largest at the upper end, -40 mm.
     most = 0.01 * MOMENT * slope_on_axis(-0.04) / WEIGHT
     with refused(Infeasible, where="reach", received="with 0.01 A") as caught:
         lowest_lift_height(field, np.array([-0.01]), device.payload, np.zeros(3))
@@ -313,7 +313,7 @@ def test_every_number_of_two_coils_by_hand(devices, tmp_path):
     def lift(currents, point):
         return 0.5 * coils.gradient(np.array(point), np.array(currents))[2, 2]
 
-    # Shares have a mean of 1; the current is that which carries.
+    # The mean of the shares is 1; the current carries the weight.
     shares = np.array([4 / 3, -2 / 3])
     common = weight / lift(shares, points[0])
     box = np.stack(
@@ -334,7 +334,7 @@ def test_every_number_of_two_coils_by_hand(devices, tmp_path):
         assert float(at.inhomogeneity) == pytest.approx(np.sqrt(np.mean(apart**2)), rel=1e-5)
         assert float(at.largest_inhomogeneity) == pytest.approx(apart.max(), rel=1e-5)
         np.testing.assert_allclose(at.inductance, fm.solve_linear(fm.read_device(text)).inductance())
-        # The larger current at its limit of 5 A, over the place that is carried or the middle of the box.
+        # With the larger current at its limit of 5 A, above the carried place or the middle of the box.
         over = points[0, :2] if name == "carries" else [0.0, 0.0]
         at_limit = currents * 5.0 / np.abs(currents).max()
         heights = np.linspace(-0.012, 0.012, 33)
@@ -365,7 +365,7 @@ record = { quantities = ["error"] }
 
 @pytest.mark.parametrize(("falls", "meshes"), [(2, 3), (4, 2), (0, 6)])
 def test_meshes_are_refined_until_the_worst_error_is_small_enough(devices, monkeypatch, falls, meshes):
-    """By 1.4 each time, at most six times: errors of 10 % at the finer of two currents, which fall with a power."""
+    """By 1.4 each time, at most six times: the larger error of two currents is 10 % at first and falls by a power."""
     seen = []
 
     class Made:

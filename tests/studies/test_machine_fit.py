@@ -1,4 +1,4 @@
-"""Numbers of a machine found from measurements on it."""
+"""Parameters of a machine fitted to measurements."""
 
 from dataclasses import replace
 
@@ -53,7 +53,7 @@ def fitted(unknowns, *tables, device=None, **how):
 
 
 def test_the_stated_deviations_are_those_of_the_fits():
-    """chi square of 100 fits with other noise: sum of errors over the covariance, 2 unknowns each; two deviations."""
+    """chi square of 100 fits with different noise, 2 unknowns each; and errors within two deviations."""
     rng, truth, total = np.random.default_rng(5), np.array([12.0, 24.0]), 0.0
     inside = np.zeros(2)
     for _ in range(100):
@@ -78,7 +78,7 @@ def test_without_noise_the_truth_comes_back():
 
 
 def test_what_the_readings_cannot_tell_apart_is_named():
-    """Far away a coil is a dipole: turns times area, and nothing of its height."""
+    """Far away a coil is a dipole of turns times area, so the fields do not separate the two radii."""
     far = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.2]])
     exact = CoilSet(pair().coils).field(far, [1.0, 0.0])
     table = FieldReadings("far", far, [1.0, 0.0], exact, 1e-3 * np.abs(exact).max())
@@ -89,7 +89,7 @@ def test_what_the_readings_cannot_tell_apart_is_named():
     found = fitted([outer, inner], [table])
     assert found.indistinct == ((outer.key, inner.key),)
     assert found.correlation[0, 1] < -0.999
-    # A prior tells them apart.
+    # A prior separates them.
     held = fitted([outer, replace(inner, prior=(10.0, 0.01))], [table])
     assert held.indistinct == ()
     assert held.deviations[inner.key] <= 0.01 * 1.001
@@ -105,7 +105,7 @@ def test_tables_that_are_not_fitted_are_predicted_with_error_bars():
     found = fitted([OUTER], [noisy(2)], [FieldReadings("other", elsewhere, [2.0, 0.0], there(0.012), 1e-6)])
     used, predicted = found.tables
     assert (used.used, predicted.used) == (True, False)
-    # Linear propagation, by hand: how B moves with the radius.
+    # Linear propagation by hand, from the change of B with the radius.
     slope = (there(0.01201) - there(0.01199)).ravel() / 0.02
     deviation = found.deviations[OUTER.key]
     np.testing.assert_allclose(predicted.uncertainty, np.abs(slope) * deviation, rtol=0.02)
@@ -124,7 +124,7 @@ def sphere(mu_r):
 
 
 def test_a_permeability_from_lift_currents_and_an_inductance():
-    """Each kind of readings, computed by a solve of another permeability on a finer mesh."""
+    """Readings of each kind, computed with another permeability on a finer mesh."""
     truth = fm.solve_linear(sphere(5.0), refinement=1.5)
     places = np.array([[0.0, 0.0, -0.014], [0.0, 0.0, -0.018]])
     amperes = [fm.levitation.lift_current(truth, sphere(5.0).payload, place).current for place in places]
@@ -142,13 +142,13 @@ def test_a_permeability_from_lift_currents_and_an_inductance():
 
 
 def ring(gap):
-    """A closed core in two halves with one joint on each side, its magnetising inductance by reluctances."""
+    """The magnetising inductance of a closed core in two halves with two joints, from reluctances."""
     reluctance = 0.2 / (1000 * mu_0 * 1e-4) + 2 * gap / (mu_0 * 1e-4)
     return 100**2 / reluctance
 
 
 def test_a_joint_by_its_reluctance():
-    """The gap of a joint from inductances that a formula gives, through a field that is one: no solve at all."""
+    """The gap of a joint from inductances given by a formula, without a solve."""
     base = Body("base", "iron", (Part(fm.Box((0.04, 0.01, 0.01))),), mesh_size=0.005)
     bar = Body("bar", "iron", (Part(fm.Box((0.04, 0.01, 0.01)), placed((0, 0, 0.01))),), mesh_size=0.005)
     device = Device(
@@ -198,7 +198,7 @@ def test_workers_give_the_same_fit_and_predictions_are_computed_at_the_ends_only
     at_the_end = list(plain.values.values())
     assert asked[0] == pytest.approx((14.0, 22.0))
     assert asked[1] == pytest.approx(at_the_end)
-    # One difference for each unknown.
+    # One difference per unknown.
     assert len(asked) == 4
     assert [round(float(np.abs(np.subtract(one, at_the_end)).max()), 3) for one in asked[2:]] == [0.14, 0.22]
     pytest.importorskip("distributed")
@@ -206,7 +206,7 @@ def test_workers_give_the_same_fit_and_predictions_are_computed_at_the_ends_only
     spread = fitted(unknowns, [table], [other], workers=2)
     assert spread.values == plain.values
     np.testing.assert_array_equal(spread.covariance, plain.covariance)
-    # The differences, and what else several tables need at once, were computed elsewhere.
+    # Workers computed the differences and other designs.
     assert len(asked) < 4
 
 
@@ -217,7 +217,7 @@ def test_a_search_that_is_close_enough_ends():
 
 
 def test_readings_at_other_currents_of_each_point_and_between_coils():
-    """Each kind of readings on air coils, whose numbers are those of the closed forms."""
+    """Readings of each kind on air coils against closed forms."""
     device, field = pair(), CoilSet(pair().coils)
     currents = np.column_stack([np.linspace(1, 2, len(POINTS)), np.linspace(-3, 1, len(POINTS))])
     found = FieldReadings("t", POINTS, currents, np.zeros((len(POINTS), 3)), 1.0).computed(device, field)
@@ -241,7 +241,7 @@ def test_readings_at_other_currents_of_each_point_and_between_coils():
 
 
 def test_what_a_fit_rests_on():
-    """Deviations and correlations are those of its covariance; priors, and what is held, are told."""
+    """Deviations and correlations follow from the covariance; assumptions name priors and fitted keys."""
     prior = replace(TURNS_LIKE, prior=(24.0, 0.5))
     solved = []
     found = fitted([OUTER, prior], [noisy(3)], on_solve=solved.append)

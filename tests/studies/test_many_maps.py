@@ -1,4 +1,4 @@
-"""One map for each variant of a study: the maps are those of `generate`, and what they share is solved once."""
+"""One map for each variant of a study: equal to `generate`'s maps, with common parts solved once."""
 
 import csv
 import os
@@ -26,7 +26,7 @@ device = "sphere.toml"
 spacing_mm = [4.0, 4.0, 2.0]
 """
 
-# The iron varies fastest, the turns slowest: the order that shares least if maps are made one after the other.
+# The iron varies fastest and the turns slowest, so consecutive maps share least.
 STUDY = """
 format = 1
 title = "Spheres below a loop"
@@ -90,7 +90,7 @@ def made(files, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         for name, module in places.items():
             patch.setattr(module, name, counted(name))
-        # As little as maps need that differ in turns alone, if they come one after the other.
+        # The smallest store that suffices for maps that differ in turns alone, if these are consecutive.
         patch.setattr(shared, "_MOST", 7)
         many = generate_many(*files, tmp_path_factory.mktemp("maps") / "spheres.nc")
     return many, counts
@@ -110,7 +110,7 @@ def test_every_variant_is_the_map_of_its_device(made, files, tmp_path):
         assert ours.keys() == theirs.keys()
         assert all(np.array_equal(ours[name], theirs[name]) for name in theirs)
         before = file.stat().st_mtime_ns
-        # The file is a finished map for `generate`, too.
+        # `generate` accepts the file as a finished map.
         assert generate(files[0], file, changes=settings) == file
         assert file.stat().st_mtime_ns == before
 
@@ -124,7 +124,7 @@ def test_the_fields_are_those_of_spheres_in_closed_form(made, sphere_below_loop)
 
 
 def test_what_maps_share_is_solved_once(made):
-    """Two spheres, each in two boxes: what calls the geometry kernel, which keeps memory at each call, too."""
+    """Two spheres in two boxes each; also calls of the geometry kernel, which allocates memory at each call."""
     counts = {"assemble": 2, "solved_in_form": 2, "reaction_fields": 4}
     assert made[1] == {"check_geometry": 4, "distances_to_workspace": 4, "generate_mesh": 4} | counts
 
@@ -172,7 +172,7 @@ def test_maps_are_read_when_they_are_asked_for(files, devices, tmp_path, monkeyp
     np.testing.assert_array_equal(slope, alone.unit_gradient)
     along = data.unit_flux_density.isel(floor=0, x=2, y=2, z=-1, coil=0, component=2)
     np.testing.assert_allclose(along.sel(turns=250), 2.5 * along.sel(turns=100), rtol=1e-6)
-    # Numbers of the study beside them.
+    # Numbers of the study, merged with the maps.
     with_numbers = devices.study("numbers.toml", one_box.read_text() + NUMBERS)
     numbers = run_study(with_numbers, tmp_path / "numbers.nc").data[["flux_density"]]
     together = xarray.merge([data, numbers.sel(currents="one", point=0)], compat="override")
@@ -185,7 +185,7 @@ def test_maps_are_read_when_they_are_asked_for(files, devices, tmp_path, monkeyp
 
 
 def test_a_variant_that_fails_is_recorded_and_tried_again(files, devices, tmp_path):
-    # A sphere of 20 mm reaches into the workspace.
+    # A sphere of 20 mm intersects the workspace.
     study = devices.study("large.toml", STUDY.replace("values = [8.0, 6.0]", "values = [8.0, 20.0]"))
     many = generate_many(files[0], study, tmp_path / "large.nc")
     assert len(many.failed) == 4
@@ -259,8 +259,8 @@ def test_killed_twice_and_finished_by_two_workers(files, made, tmp_path):
 
 
 def test_maps_with_a_new_iron_are_expected_to_take_longer():
-    """Two irons of three maps each, 8 s for the first of an iron and 1 s for another: once one of each is done, all are
-    known."""
+    """Two irons with three maps each, 8 s for the first map of an iron and 1 s for the next: after one of each kind the
+    whole time is known."""
     pieces = _Pieces([True, False, False, True, False, False])
     wholes = []
     for index, seconds in enumerate([8.0, 1.0, 1.0, 8.0, 1.0, 1.0]):

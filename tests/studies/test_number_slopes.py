@@ -25,7 +25,7 @@ SIDE = 'position_mm = ["= side", 0.5, 25.0]'
 DEVICE = (DEVICES / "sphere_below_loop.toml").read_text().replace(
     "position_mm = [0.0, 0.0, 25.0]", SIDE
 ) + PAYLOAD
-# The mesh of a sphere whose elements grow with it is the same mesh, larger.
+# The element size grows with the sphere, so the mesh keeps its topology.
 VARIABLES = {
     "coil.loop.turns": (100.0, 0.2),
     "coil.loop.position_mm.3": (25.0, 0.1),
@@ -56,7 +56,7 @@ def problem(currents, saturating, variables, numbers=NUMBERS):
     return replace(found, iron=replace(found.iron, tolerance=1e-6), objective=asked[0], besides=asked[1:])
 
 
-# Both the derivatives and the differences are those of one mesh: a coarse one.
+# Derivatives and differences are of the same mesh, a coarse one.
 MESH = 0.35
 
 
@@ -65,7 +65,7 @@ def values_at(made, changes=None):
 
 
 def slope(made, key, step):
-    """By difference of two solved designs."""
+    """Difference quotient of two solved designs."""
     start = made.named(made.starts)[key]
     ahead, behind = (evaluate(made, Asked(values_at(made, {key: start + s * step}), MESH)) for s in (1, -1))
     assert (ahead.failure, behind.failure) == ("", "")
@@ -73,8 +73,8 @@ def slope(made, key, step):
 
 
 def compare(made, steps):
-    """Every exact derivative within a bound of its size; of numbers that hardly follow, of a thousandth of what they
-    would change by if they followed in proportion. Which numbers have one."""
+    """Check every exact derivative to a bound relative to its size, or for numbers that hardly change to a thousandth
+    of a proportional change; return the numbers with exact derivatives."""
     found = evaluate(made, Asked(values_at(made), MESH, made.keys))
     assert found.solved, found.failure
     assert not found.refused
@@ -88,8 +88,8 @@ def compare(made, steps):
 
 
 def bound_of(label, key, saturating):
-    """What differences resolve: the lift current of saturating iron is known to 1e-4, an equilibrium that hardly
-    moves to some nm, a larger sphere is not quite the same mesh."""
+    """Accuracy of the differences: lift currents of saturating iron are solved to 1e-4, equilibria that hardly move
+    to some nm, and a larger sphere has a slightly different mesh."""
     if saturating and key == "material.iron.mu_r":
         return 2e-2
     if label.startswith(("equilibrium", "stiffness")):
@@ -103,7 +103,7 @@ def test_of_linear_iron_that_carries():
 
 
 def test_of_saturating_iron_with_currents_given():
-    """But for the numbers that only linear iron has: they are left to differences."""
+    """Except numbers defined for linear iron alone."""
     keys = ("coil.loop.position_mm.3", "material.iron.mu_r", "body.sphere.radius_mm")
     steps = {key: VARIABLES[key] for key in keys}
     made = problem({"given": 1.5}, True, steps)
@@ -112,7 +112,7 @@ def test_of_saturating_iron_with_currents_given():
 
 
 def test_of_a_current_and_of_a_difference_of_two_sets():
-    """In the set whose currents are given the current counts, in the one that carries it does not."""
+    """A current acts in the set where currents are given, and not in the set that carries the payload."""
     sets = {"given": 1.5, "carries": Carrying([0.001, 0.0005, -0.018])}
     made = problem(sets, False, {"parameters.side": VARIABLES["parameters.side"]}, ("equilibrium_z", "power"))
     current = Variable("current.loop", 1.0, 2.0, 1.5)
@@ -127,7 +127,7 @@ def test_of_a_current_and_of_a_difference_of_two_sets():
 
 
 def test_what_changes_otherwise_is_left_to_differences():
-    """The payload, a shape that the mesh cannot follow, a function of Python."""
+    """The payload, a shape that the mesh cannot follow, and a Python function."""
     made = problem(1.0, False, {"payload.mass_g": (10.0, 0.1), "coil.loop.turns": (100.0, 1.0)}, ("power",))
     own = Number("mine", "", of=lambda device, state: float(state.currents[0]))
     made = replace(made, besides=(own,))
@@ -156,7 +156,7 @@ OF_PAIR_VARIED = {
 
 
 def paired(text=PAIR, numbers=OF_PAIR):
-    """Two coils of unequal currents, of both signs; given, and carrying at a place beside the axis."""
+    """Two coils with unequal currents of both signs, given, and carrying at a place off the axis."""
     text = text.replace("position_mm = [0.0, 0.0, 40.0]", "position_mm = [1.0, 0.0, 40.0]")
     variables = tuple(Variable(key, 0.9 * v, 1.1 * v, v) for key, (v, _) in OF_PAIR_VARIED.items())
     search = Search(objective=Number("common_current", "given"), sign=1.0, variables=variables)
@@ -170,13 +170,13 @@ def paired(text=PAIR, numbers=OF_PAIR):
 
 
 def test_of_two_coils_without_iron():
-    """Each entry of every number, by currents, turns, shapes and places."""
+    """Every entry of each number, by currents, turns, shapes and positions."""
     made = paired()
     assert compare(made, OF_PAIR_VARIED) == {number.label for number in made.numbers}
 
 
 def test_of_a_payload_of_pieces():
-    """What follows its forces is left to differences; currents that are given, and fields, are not."""
+    """Numbers that depend on its forces use differences; fields and given currents have exact derivatives."""
     pieces = '[payload]\nmass_g = 12.0\n[[payload.piece]]\nshape = "sphere"\ndiameter_mm = 5.0\nremanence_T = 1.2\n'
     pieces += (
         '[[payload.piece]]\nshape = "soft_sphere"\ndiameter_mm = 4.0\nmu_r = 99\nposition_mm = [0, 0, 6]\n'
@@ -195,7 +195,7 @@ def test_a_field_that_is_the_same_everywhere_has_no_slopes_of_its_homogeneity():
     found = homogeneity.weights(samples)
     assert (found.field.shape, found.gradient.shape, found.linkage.shape) == ((2, 8, 3), (2, 8, 3, 3), (2, 2))
     assert not any(part.any() for part in (found.field, found.gradient, found.linkage))
-    # Otherwise they are its derivatives.
+    # In other fields the weights are its derivatives.
     field = np.random.default_rng(0).normal(size=(8, 3))
     exact = homogeneity.weights(replace(samples, field=field)).field
     step = 1e-6

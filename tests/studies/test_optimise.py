@@ -1,5 +1,4 @@
-"""Optima against closed forms; what a run does when it is killed, when designs fail, and when nothing meets the
-limits."""
+"""Optima against closed forms; runs that are killed, designs that fail, and limits that no design meets."""
 
 import signal
 import subprocess
@@ -54,7 +53,7 @@ RADIUS = Variable(
 BEST_RADIUS = 1e3 * DEPTH * np.sqrt(2 / 3) - 0.5
 
 
-# N per ampere on the payload below the loop that lifts most.
+# N per ampere on the payload, below the loop with the largest lift.
 LIFT_PER_AMPERE = 0.8 * slope_on_axis(-DEPTH, DEPTH * np.sqrt(2 / 3))
 CARRIES = Carrying([0, 0, -DEPTH])
 BOX = ([-1e-3] * 3, [1e-3] * 3)
@@ -63,7 +62,7 @@ BELOW = {"saturating": False, "points": [[0, 0, -0.014]]}
 
 @pytest.mark.parametrize("start", [35.0, 60.0, 85.0])
 def test_coils_a_radius_apart_are_the_most_homogeneous(start):
-    """Helmholtz's pair: in a small box the spacing of the most homogeneous field is the radius."""
+    """Helmholtz pair: in a small box the most homogeneous spacing is the radius."""
     spacing = Variable("parameters.spacing", 30, 90, start)
     best = fm.optimise(PAIR, [spacing], "inhomogeneity", box=BOX, tolerance=1e-8)
     assert best.values["parameters.spacing"] == pytest.approx(50.0, abs=0.02)
@@ -85,7 +84,7 @@ def test_the_loop_that_lifts_with_the_least_current(method):
 
 
 def test_a_limit_that_is_active():
-    """The strongest field at 8 W in 2 ohm: 2 A, whatever the radius; and the radius that is best on the axis."""
+    """The strongest gradient at 8 W in 2 ohm: 2 A at any radius, and the best radius on the axis."""
     text = LOOP.read_text().replace("turns = 1000", "turns = 1000\nresistance_ohm = 2.0")
     best = fm.optimise(
         text,
@@ -100,12 +99,12 @@ def test_a_limit_that_is_active():
     assert best.values[RADIUS.key] == pytest.approx(BEST_RADIUS, abs=0.1)
     (power,) = best.limits
     assert (power.active, power.holds, power.value) == (True, True, pytest.approx(8.0, rel=1e-5))
-    # As the limit says what can be had: the field of the dipole's lift in closed form.
+    # In closed form, at the current of the limit.
     assert best.value == pytest.approx(2.0 * LIFT_PER_AMPERE / 0.8, rel=1e-3)
 
 
 def test_the_permeability_that_a_measured_field_tells():
-    """A sphere in a uniform field: B on the axis follows from its dipole, (mu_r - 1) / (mu_r + 2)."""
+    """A sphere in a uniform field: B on the axis from its dipole, (mu_r - 1) / (mu_r + 2)."""
     flux, radius, place, mu_r = 0.01, 0.01, 0.02, 5.0
     wanted = flux * (1 + 2 * (mu_r - 1) / (mu_r + 2) * (radius / place) ** 3)
     law = 'kind = "froehlich"\nmu_r = 1000.0\nsaturation_polarisation_T = 1.5'
@@ -136,14 +135,14 @@ lighter(sys.argv[1], tell)
 
 
 def lighter(target, progress=None):
-    """The payload's mass has no exact derivative: designs for differences are kept as well."""
+    """A search whose payload mass has no exact derivative, so that designs for differences are stored as well."""
     mass = Variable("payload.mass_g", 5.0, 20.0)
     limits, how = [Limit("common_current", lower=0.9)], {"output": target, "progress": progress}
     return fm.optimise(LOOP, [RADIUS, mass], "common_current", limits, currents=CARRIES, **how)
 
 
 def test_a_run_that_was_killed_goes_on(tmp_path):
-    """It solves no design twice, and gives what a run without a break gives."""
+    """It solves no design twice and gives the results of an uninterrupted run."""
     whole = lighter(tmp_path / "whole.nc")
     assert whole.kept == 0
     assert whole.solves == len(whole.path) > 8
@@ -162,14 +161,14 @@ def test_a_run_that_was_killed_goes_on(tmp_path):
 
 
 def test_a_design_that_fails_is_recorded_and_the_search_goes_on():
-    """The sphere that pulls most fills the workspace: spheres beyond its upper end at 12 mm are refused."""
+    """The best sphere fills the workspace; spheres beyond the workspace's upper end, 12 mm, are refused."""
     linked = (Linked(("body.sphere.mesh_size_mm",), 0.4),)
     radius = Variable("body.sphere.radius_mm", 8.0, 16.0, 9.0, linked)
     how = {"maximise": True, "saturating": False, "points": [[0, 0, -0.02]], "check_refinement": None}
     best = fm.optimise(SPHERE, [radius], Number("flux_density 1 z"), **how)
     assert best.failed
     assert all("GeometryError" in why for why in best.failed.values())
-    # Overlaps of less than a micrometre are taken for rounding.
+    # Overlaps below 1 um count as rounding.
     assert 11.0 < best.values[radius.key] < 12.001
     failed = [step for step in best.path if step.failure]
     assert all(step.values[radius.key] > 11.9 and not step.feasible for step in failed)
@@ -178,8 +177,8 @@ def test_a_design_that_fails_is_recorded_and_the_search_goes_on():
 
 
 def test_a_design_that_cannot_lift_is_recorded_and_the_search_goes_on():
-    """The first step, a quarter of the range, puts the loop around the payload, where no current lifts it; it lifts
-    with the least current half a radius above it. No design is solved twice."""
+    """The first step, a quarter of the range, puts the loop around the payload, where no current lifts it; the least
+    current is half a radius above it. No design is solved twice."""
     place = Variable("coil.loop.position_mm.3", -90.1, 20.3, -32.4)
     limits, how = [Limit("common_current", upper=3.0)], {"method": "COBYQA", "tolerance": 1e-6}
     best = fm.optimise(LOOP, [place], "common_current", limits, currents=CARRIES, **how)
@@ -190,7 +189,7 @@ def test_a_design_that_cannot_lift_is_recorded_and_the_search_goes_on():
     (number,) = np.flatnonzero(np.isclose(places, -60.0, atol=1e-9))
     assert 0 < number < len(best.path) - 3
     assert best.values[place.key] == pytest.approx(-38.0, abs=0.1)
-    # Optimisers ask for the start again, scaled and scaled back.
+    # Optimisers evaluate the start again, after scaling it there and back.
     assert np.diff(np.sort(places)).min() > 1e-9
 
 
@@ -202,7 +201,7 @@ def test_a_start_that_fails_ends_at_once():
 
 
 def test_an_infeasible_demand_names_the_limit():
-    """A payload that no loop of these radii lifts with 10 mA: off by what the best one needs more."""
+    """No loop of these radii lifts the payload with 10 mA; `off by` is the excess of the best loop."""
     limits = [Limit("common_current", upper=0.01), Limit("flux_density 1 z", upper=1.0)]
     how = {"currents": CARRIES, "points": [[0, 0, -DEPTH]], "tolerance": 1e-6}
     with pytest.raises(NoFeasibleDesign) as caught:
@@ -218,12 +217,12 @@ def test_an_infeasible_demand_names_the_limit():
 
 
 def at_the_side(device, state):
-    """B_z beside the axis, mT."""
+    """B_z off the axis, mT."""
     return 1e3 * state.field([0.006, 0, -0.013])[2]
 
 
 def test_limits_hold_on_the_finer_mesh():
-    """The largest sphere's field under a limit: coarse meshes give another number, which is corrected."""
+    """The sphere's strongest field under a limit; the coarse mesh has another value, which is corrected."""
     side = Limit(Number("field at the side", of=at_the_side), upper=1.5)
     how = {"maximise": True, "check_refinement": 2.0, **BELOW}
     best = fm.optimise(SPHERE, [Variable("current.loop", 0.5, 5.0)], "flux_density 1 z", [side], **how)
@@ -233,14 +232,14 @@ def test_limits_hold_on_the_finer_mesh():
     assert limit.holds
     assert limit.active
     assert limit.finer == pytest.approx(1.5, rel=2e-4)
-    # Linear iron: the current that gives it on a mesh that was solved besides.
+    # Iron is linear: the current that reaches the limit, on a mesh solved separately.
     state = fm.solve_linear(fm.read_device(SPHERE), refinement=2.0).at([1.0])
     assert best.values["current.loop"] == pytest.approx(1.5 / at_the_side(None, state), rel=3e-4)
     assert best.derivatives["field at the side"]["current.loop"] == "differences"
 
 
 def test_a_limit_is_corrected_twice_at_most():
-    """A number that no correction to first order brings below its limit, as the finer mesh has 2.5 whatever happens."""
+    """A first-order correction never brings this number below its limit, because the finer mesh always gives 2.5."""
     meshes = []
 
     def stubborn(device, state):
@@ -295,7 +294,7 @@ def test_all_mistakes_at_once():
     ],
 )
 def test_settings_are_taken_within_their_limits(name, inside, outside):
-    """A number that does not exist ends each call before anything is solved."""
+    """A number that does not exist makes each call fail before a solve."""
     for value in [*inside, *outside]:
         of_variable = {"upper": 60.0, name: value} if name in ("step", "upper") else {"upper": 60.0}
         if name == "upper":
@@ -310,7 +309,7 @@ def test_settings_are_taken_within_their_limits(name, inside, outside):
 
 
 def test_a_loose_tolerance_is_no_more_than_the_first_step():
-    """COBYQA refuses a last radius above the first."""
+    """COBYQA refuses a final radius larger than the first one."""
     how = {"method": "COBYQA", "tolerance": 0.9}
     best = fm.optimise(LOOP, [RADIUS], "common_current", currents=CARRIES, **how)
     assert best.value <= best.start_value
@@ -332,7 +331,7 @@ APART_BY, MIDDLE = (Variable(f"parameters.{name}", -9.0, 90.0) for name in ("spa
 
 
 def test_a_key_that_follows_two_variables():
-    """By a key of its own, and by an expression that another variable would replace."""
+    """A variable of a key that another variable already determines, by its name or through an expression."""
     text, spacing, middle = APART, APART_BY, MIDDLE
     others = [Variable("coil.upper.position_mm.3", 10.0, 60.0)]
     others += [Variable(f"coil.{name}.turns", 50.0, 150.0) for name in ("*", "lower")]
@@ -356,12 +355,12 @@ def test_two_variables_that_meet_in_one_expression():
 
 
 def searched(problem):
-    """The designs of a problem, solved here."""
+    """A search over the designs of a problem, solved in this process."""
     return searching(problem, None, True, 1, None)
 
 
 def looped(**how):
-    """The thin loop: its current, radius and the payload's mass; a lift and its limits."""
+    """The thin loop: current, radius and payload mass as variables, the gradient as objective, and limits."""
     mass = Variable("payload.mass_g", 5.0, 20.0, step=0.02)
     variables = (Variable("current.loop", 0.5, 3.0, 1.25), RADIUS, mass)
     limits = (
@@ -393,7 +392,7 @@ def test_what_optimisers_get_is_scaled():
         assert min(rooms) == rooms[2] < 0.0
         assert search.violation(found) == pytest.approx(-rooms[2])
         assert search.violations(SCALED) == pytest.approx(sum(min(room, 0.0) ** 2 for room in rooms))
-        # Of the finer mesh, once that is known.
+        # With the corrections of the finer mesh, if known.
         search.shift = {"weight": -0.5 * weight, "gradient 1 z z": 0.25 * slope}
         assert search.violation(found) == pytest.approx(max(0.0, -rooms[0], -rooms[1]))
         assert search.objective(SCALED) == pytest.approx(-1.25 * slope / abs(first.numbers["gradient 1 z z"]))
@@ -401,7 +400,7 @@ def test_what_optimisers_get_is_scaled():
 
 
 def test_slopes_of_what_is_scaled_are_its_derivatives():
-    """Where limits are violated and where they are not; of a number of Python by differences."""
+    """With limits violated or not; a Python function has differences."""
     with searched(looped()) as search:
         search.begin()
 
@@ -426,7 +425,7 @@ def test_slopes_of_what_is_scaled_are_its_derivatives():
 
 
 def test_differences_stay_within_the_bounds():
-    """At a bound to one side, by what can be solved; 0 where neither side can."""
+    """At a bound, or where one side fails, the difference is one-sided; 0 if both sides fail."""
     seen = []
 
     def own(device, state):
@@ -451,7 +450,7 @@ def test_differences_stay_within_the_bounds():
             assert search.slopes(np.array([mass]), problem.objective) == pytest.approx(slope)
             assert set(np.round(seen, 9)) <= {*sides}
         assert all(step.role in ("step", "difference") for step in search.steps)
-        # A design that fails counts as worse than all others by the objective's size at the start.
+        # A failed design counts as the worst one plus the objective's size at the start.
         search.begin()
         worst = max(search.objective(np.array([z])) for z in (0.2, 0.9, 0.6))
         assert worst == pytest.approx((5 + 0.9 * 15) / 10.0)
@@ -463,7 +462,7 @@ def test_differences_stay_within_the_bounds():
 
 
 def test_designs_that_hardly_differ_end_a_search():
-    """Eight in a row, whose distance is below the tolerance."""
+    """Eight in a row within the tolerance."""
     for far, ends in ((0.9e-3, True), (1.1e-3, False)):
         with searched(looped(tolerance=1e-3)) as search:
             for k in range(8):
@@ -473,7 +472,7 @@ def test_designs_that_hardly_differ_end_a_search():
                         search.at(design)
                     continue
                 search.at(design)
-            # From there on they are counted anew.
+            # Then the count begins again.
             search.at(search.values(SCALED + 1e-4))
 
 
@@ -486,7 +485,7 @@ def test_no_more_designs_are_solved_than_allowed():
             search.at(search.values(SCALED + 0.1 * k))
         with pytest.raises(SearchEnded, match="3 designs were solved"):
             search.at(search.values(SCALED - 0.1))
-        # What is known, and what is checked on a finer mesh, is no new design of the search.
+        # Known designs, and checks on a finer mesh, do not count as new designs.
         search.at(search.values(SCALED))
         search.checked(search.values(SCALED), 1.4)
         assert (search.solves, search.kept) == (4, 0)
@@ -494,13 +493,13 @@ def test_no_more_designs_are_solved_than_allowed():
     steps = ["design 1, step", "design 2, step", "design 3, step", "design 4, check"]
     assert [text for text, _ in told] == steps
     shares = [share for _, share in told]
-    # The first leaves two that take as long.
+    # After the first design, two of the same time remain.
     assert shares[0] == pytest.approx(1 / 3)
     assert shares[0] < shares[1] < shares[2] == shares[3] == 1.0
 
 
 def test_which_design_is_best():
-    """The largest or smallest that meets the limits, within the tolerance; without one, the nearest."""
+    """The largest or smallest objective that meets the limits within the tolerance; otherwise the nearest to them."""
     own = Number("own", of=lambda device, state: 1e3 * device.payload.mass)
     how = {"variables": (Variable("payload.mass_g", 1.0, 21.0, 10.0),), "limits": (Limit(own, 5.0, 16.0),)}
     for sign, tolerance, best in ((-1.0, 1e-3, 15.0), (1.0, 1e-3, 6.0), (-1.0, 0.32, 21.0)):
@@ -512,14 +511,14 @@ def test_which_design_is_best():
             assert search.nearest().values["payload.mass_g"] == 3.0
             for mass in (11.0, 15.0, 6.0):
                 search.at(np.array([mass]))
-            # On another mesh it is no design of the search.
+            # A design on another mesh does not belong to the search.
             search.checked(np.array([10.5 - 5 * sign]), 2.0)
             assert search.best().values["payload.mass_g"] == best
             assert [step.feasible for step in search.steps] == [tolerance == 0.32] * 2 + [True] * 4
 
 
 def test_what_an_optimum_tells(tmp_path):
-    """Its file, table and plain numbers are those of the path; limits at the best design."""
+    """File, table and plain numbers agree with the path; limits are those at the best design."""
     variables = [Variable("current.loop", 0.5, 5.0, 1.0)]
     limits = [Limit("power", upper=8.0), Limit("flux_density 1 z", -0.1, 0.5)]
     limits += [Limit("common_current", upper=2.01), Limit("current loop", 1.9, 2.1)]
@@ -530,7 +529,7 @@ def test_what_an_optimum_tells(tmp_path):
     assert best.value == pytest.approx(2.0 * slope, rel=1e-3)
     assert best.start_value == pytest.approx(slope, rel=1e-3)
     stated = [(one.number, one.lower, one.upper, one.finer, one.active, one.holds) for one in best.limits]
-    # Within a hundredth of a limit's scale it is active.
+    # A limit is active within a hundredth of its scale.
     assert 0.0 < flux < 0.4
     assert stated == [
         ("power", -np.inf, 8.0, None, True, True),
@@ -583,7 +582,7 @@ def test_what_an_optimum_tells(tmp_path):
     ],
 )
 def test_currents_of_a_design(given, fits):
-    """One coil; a number that does not exist ends each call before anything is solved."""
+    """One coil; a number that does not exist makes each call fail before a solve."""
     for currents in (given, {"a": given}, Carrying([0, 0, -DEPTH], given)):
         if given == "x":
             continue
@@ -624,7 +623,7 @@ def test_variables_and_limits_of_a_design(variables, limits, where):
         fm.optimise(LOOP, variables, "no such number", limits)
     others = [problem.where for problem in caught.value.problems if "no such number" not in problem.where]
     assert others == ([where] if where else [])
-    # Of carrying currents none varies.
+    # Currents that carry the payload cannot be variables.
     if variables and variables[0].is_current and not where:
         with refused(
             InputError, where=f"optimise, {variables[0].key}", received="currents that carry the payload"
@@ -635,7 +634,7 @@ def test_variables_and_limits_of_a_design(variables, limits, where):
 @pytest.mark.parametrize("method", ["SLSQP", "COBYQA"])
 @pytest.mark.parametrize(("share", "found"), [(1.02, True), (0.5, False)])
 def test_limits_are_looked_for_where_a_search_has_met_none(monkeypatch, method, share, found):
-    """A limit near the least current that lifts, or below it; the search itself is left out."""
+    """With a limit near the least lifting current, or below it; the search itself is skipped."""
     monkeypatch.setattr(optimisation, "_minimised", lambda search, z: "left out")
     least = 0.01 * 9.80665 / LIFT_PER_AMPERE
     radius, limits = replace(RADIUS, start=32.0), [Limit("common_current", upper=share * least)]
@@ -653,7 +652,7 @@ def test_limits_are_looked_for_where_a_search_has_met_none(monkeypatch, method, 
         "optimise, common_current",
         f"must be at most {0.5 * least:g}",
     )
-    # Twice the limit: off by as much as that, 100 %.
+    # The value is twice the limit, so it is off by 100 %.
     value, off = float(problem.received.split()[0]), problem.received.split("off by ")[1].split(", ")
     assert value == pytest.approx(least, rel=2e-3)
     assert float(off[0]) == pytest.approx(0.5 * least, rel=5e-3)
@@ -664,7 +663,7 @@ def test_limits_are_looked_for_where_a_search_has_met_none(monkeypatch, method, 
     ("finer", "checks", "holds"), [(lambda i: i, 1, True), (None, 1, False), (lambda i: i + 0.5, 2, True)]
 )
 def test_a_design_is_checked_on_a_finer_mesh(finer, checks, holds):
-    """As it is there, where it cannot be solved, and where it has to be corrected."""
+    """With the same values there, with a failure there, and with a correction."""
     meshes = []
 
     def own(device, state):

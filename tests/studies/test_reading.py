@@ -1,4 +1,4 @@
-"""Study files with every mistake named at once, by line and key; recipes as the source of device and iron."""
+"""Study files: every mistake at once, by line and key; recipes as the source of device and iron."""
 
 import itertools
 import json
@@ -155,7 +155,7 @@ def test_a_device_without_payload_or_limit(devices):
     _, found = problems(devices, text.replace(POINTS, wanted))
     for words, problem in zip(("[payload]", "limit", "[payload]"), found, strict=False):
         assert words in str(problem)
-    # Left to the study, only what the device allows is recorded.
+    # By default a study records the groups that the device allows.
     study = read_study(devices.study("allowed.toml", text))
     assert study.record.groups == ("currents", "field", "iron", "error")
 
@@ -203,7 +203,7 @@ def test_units_come_from_keys():
 
 
 def test_a_name_that_cannot_be_is_told_in_words(devices):
-    """The rule of the name is not told as the pattern that checks it."""
+    """The message does not contain the pattern that checks the name."""
     text = 'format = 1\ntitle = "Gaps"\ndevice = "drive_unit"\n'
     text += '[[vary]]\nname = "gap of it"\nkey = "parameters.gap"\nvalues = [120.0, 283.0]\n'
     _, (problem,) = problems(devices, text + "[[currents]]\nname = 'all'\namperes_A = 1.0\n")
@@ -218,7 +218,7 @@ def read(devices, text, name="changed.toml"):
 
 
 def refusals(devices, text):
-    """Places, by line and key, of what is refused; none where it is read."""
+    """Line and key of each refusal; none if the file is read."""
     path = devices.study("changed.toml", text)
     try:
         read_study(path)
@@ -260,7 +260,7 @@ def test_a_set_of_currents_is_given_or_looked_for(devices, six, keys):
     if keys == {"carries", "x"}:
         (entry,) = read(devices, text).current_sets
         assert (entry.common, entry.carried_at.tolist()) == (None, [0.0, 0.0, -0.09])
-        # Thesis (6-3): two coils follow x one way, two the other, and the mean is 1.
+        # Thesis (6-3): shares of 1 -+ x, three of each sign, with mean 1.
         assert sorted(entry.shares.tolist()) == pytest.approx([0.9] * 3 + [1.1] * 3)
 
 
@@ -352,7 +352,7 @@ def test_what_is_recorded_has_bounds(devices, line, fits):
     if fits:
         record = read(devices, text).record
         assert record.force_share == (float(line.split()[-1]) if key == "force_share" else 0.01)
-        # That of the driver unless stated.
+        # The driver's limit unless given.
         assert record.current_limit == (0.5 if key == "current_limit_A" else 3.0)
         if key == "box_mm":
             assert [corner.tolist() for corner in record.box] == [
@@ -397,7 +397,7 @@ PAYLOAD = "[payload]\nmass_g = 1.0\nmoment_A_m2 = 0.1\n"
     ],
 )
 def test_what_a_device_allows_is_recorded(devices, device, change, record, groups):
-    """Left to the study; each of the others is refused where it is asked for."""
+    """By default; asking for any other group is refused."""
     text = getattr(devices, device).read_text()
     if change.startswith("[payload]\n"):
         text += change

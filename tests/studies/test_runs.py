@@ -1,4 +1,4 @@
-"""Runs that are killed, variants that fail, and what is asked of the place of the output."""
+"""Runs that are killed, variants that fail, and checks of the output path."""
 
 import re
 import signal
@@ -44,7 +44,7 @@ def all_numbers(path):
 
 @pytest.fixture(scope="module")
 def whole(grid, tmp_path_factory):
-    """The study without a break, each number from the kernels' cache as in the runs that are killed."""
+    """An uninterrupted run; its kernels are cached, as in the runs that are killed."""
     target = tmp_path_factory.mktemp("whole") / "grid.nc"
     done = run(grid, target)
     assert done.returncode == 0, done.stderr
@@ -56,7 +56,7 @@ def test_resumed_after_a_kill(grid, whole, tmp_path):
     killed = run(grid, target, "2 of 4 variants")
     assert killed.returncode == -signal.SIGKILL, killed.stderr
     assert not target.exists()
-    # What a kill in the middle of a piece leaves.
+    # A record cut short by the kill.
     with checkpoint_path(target, stays=True).open("ab") as stream:
         stream.write(checkpoint_path(whole, stays=True).read_bytes()[-200:-30])
     resumed = run(grid, target)
@@ -69,7 +69,7 @@ def test_resumed_after_a_kill(grid, whole, tmp_path):
 
 
 def test_another_study_is_not_resumed(grid, whole, tmp_path):
-    """Neither one of other values, nor one of another device under the same name."""
+    """Neither after a change of its values, nor after a change of the device file of the same name."""
     study, device = grid.read_text(), (grid.parent / "sphere.toml").read_text()
     radii = study.replace("[8.0, 10.0]", "[9.0]")
     for texts, there in (
@@ -120,7 +120,7 @@ def test_a_failed_variant_is_recorded_and_the_rest_goes_on(devices, tmp_path):
 
 
 def test_failed_variants_are_solved_again_only_when_asked_to(devices, tmp_path):
-    """If need be by the run after one that was killed."""
+    """Also in the run after one that was killed."""
     study, target, said = devices.study("failing.toml", FAILING), tmp_path / "failing.nc", []
     numbers = partial(re.findall, r"\d+")
     tell = {"progress": lambda text, _: said.append([int(one) for one in numbers(text.split(", ")[0])])}
@@ -147,7 +147,7 @@ def test_what_cannot_be_found_is_the_only_thing_missing(devices, tmp_path):
     currents = [{ name = "faint", amperes_A = 0.001 }]
     record = { points_mm = [[0, 0, -90]] }
     """
-    # Files of any length go into the data set, though an attribute of HDF5 holds 64 kB.
+    # The data set holds files of any length, although an attribute of HDF5 holds 64 kB at most.
     text += 2000 * "    # a remark of some fifty characters, again and again\n"
     done = run_study(devices.study("faint.toml", text), tmp_path / "faint.nc")
     at = done.data.isel(turns=0, currents=0)
@@ -198,7 +198,7 @@ def test_progress_is_told_in_words_and_shares(devices, tmp_path):
 
 
 class Dead:
-    """Processes that die with each second thing that they are given."""
+    """Worker processes of which every second task fails."""
 
     def __init__(self, *_):
         pass
@@ -231,7 +231,7 @@ def test_a_variant_or_design_whose_process_dies_is_recorded(devices, tmp_path, m
 
 
 def test_what_is_recorded_of_a_failure():
-    """What was being done, the kind of error, and each of its problems, in one line."""
+    """What was computed, the kind of error, and each of its problems, in one line."""
     problems = [Problem(f"at {k}", "must hold", f"{k}", "mend it") for k in (1, 2)]
     exact = "area: InputError: at 1: must hold; received 1; mend it | at 2: must hold; received 2; mend it"
     assert reason("area", InputError(*problems)) == exact

@@ -1,4 +1,4 @@
-"""Deviations of a result against closed forms, and random devices against them."""
+"""Deviations of a result against closed forms, and random devices against the same forms."""
 
 import dataclasses
 
@@ -19,7 +19,7 @@ DEPTH, RADIUS, TURNS, MASS = 0.06, 0.044, 1000.0, 0.01
 
 
 def lift_current(turns=TURNS, mass=MASS, radius=RADIUS, depth=DEPTH):
-    """A, in closed form: a dipole of 0.8 A m^2 on the axis of a thin loop."""
+    """The lift current, A, of a dipole of 0.8 A m^2 on the axis of a thin loop, in closed form."""
     return 9.80665 * mass / (0.8 * slope_on_axis(-depth, radius, turns))
 
 
@@ -47,7 +47,7 @@ def first_order():
     return found
 
 
-# By how many of one more random windings of height 1 +- 1 mm can be made.
+# Number of positive heights -> a seed for which one more random height of 1 +- 1 mm is drawn.
 SEEDS = {
     good: next(
         k for k in range(99) if (np.random.default_rng(k).standard_normal(good + 1) > -1).sum() == good
@@ -65,7 +65,7 @@ def analysed(samples, output):
 
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory):
-    """60 random devices, and where they are kept."""
+    """60 random devices, and the path of their file."""
     target = tmp_path_factory.mktemp("tolerances") / "loop.nc"
     return analysed(60, target), target
 
@@ -84,7 +84,7 @@ def test_deviation_and_shares_to_first_order(kept):
 
 
 def test_random_devices_are_those_of_the_closed_form(kept):
-    """Drawn as documented, normally distributed from the seed, each is the closed form at its numbers."""
+    """Drawn as documented, normally distributed from the seed; each number is the closed form at its draw."""
     draws = np.random.default_rng(3).standard_normal((60, len(NUMBERS)))
     changes = {
         name: AT[name] + scale * deviation * column
@@ -97,20 +97,20 @@ def test_random_devices_are_those_of_the_closed_form(kept):
     assert sampled.deviation == pytest.approx(expected.std(ddof=1), rel=2e-3)
     assert sampled.range == pytest.approx(np.quantile(expected, [0.025, 0.975]), rel=1e-3)
     assert sampled.mean_error == pytest.approx(sampled.deviation / np.sqrt(60))
-    # First order and samples agree within what 60 of them can tell.
+    # First order and samples agree within the uncertainty of 60 samples.
     assert abs(sampled.deviation - kept[0]["common_current"].deviation) < 3 * sampled.deviation_error
 
 
 def test_a_run_goes_on_with_the_devices_that_it_has(kept):
     first, target = kept
-    assert (first.kept, first.solves) == (0, 1 + 2 + 60)  # the mass alone is differenced
+    assert (first.kept, first.solves) == (0, 1 + 2 + 60)  # only the mass uses differences
     more = analysed(64, target)
     assert (more.kept, more.solves) == (63, 4)
     assert more["common_current"].deviation == first["common_current"].deviation
 
 
 def test_numbers_of_two_sets_and_a_function():
-    """How much more current it takes 10 mm lower: turns move both alike."""
+    """The difference of the lift current 10 mm lower: turns change both currents by the same factor."""
 
     def payload_share(device, state):
         return device.payload.mass * 1e3
@@ -130,7 +130,7 @@ def test_numbers_of_two_sets_and_a_function():
 
 
 def test_random_devices_that_fail_are_recorded():
-    """Windings of negative height; the rest counts."""
+    """Windings of negative height fail; the other devices count."""
     height = Uncertain("coil.loop.height_mm", 1.0, step=0.1)
     found = analyse_tolerances(LOOP, [height], ["common_current"], currents=CARRIES, samples=12)
     heights = 1.0 + np.random.default_rng(0).standard_normal(12)
@@ -141,7 +141,7 @@ def test_random_devices_that_fail_are_recorded():
 
 @pytest.mark.parametrize(("seed", "solved"), [(SEEDS[1], 1), (SEEDS[2], 2)])
 def test_two_random_devices_must_be_solved(seed, solved):
-    """Windings of negative height cannot be made: of two or three devices one is left, or two."""
+    """Windings of negative height fail: one of two devices remains, or two of three."""
     height, samples = Uncertain("coil.loop.height_mm", 1.0, step=0.1), 1 + solved
     how = {"currents": CARRIES, "samples": samples, "seed": seed}
     if solved == 1:
@@ -191,7 +191,7 @@ def test_all_mistakes_at_once():
     ],
 )
 def test_numbers_of_an_analysis(samples, deviation, step, fits):
-    """A number that does not exist ends each call before anything is solved."""
+    """A number that does not exist makes each call fail before a solve."""
     uncertain = [Uncertain("coil.loop.turns", deviation, step=step)]
     with pytest.raises(InputError) as caught:
         analyse_tolerances(LOOP, uncertain, ["no such number"], samples=samples)
@@ -200,7 +200,7 @@ def test_numbers_of_an_analysis(samples, deviation, step, fits):
 
 
 def test_statistics_of_samples_are_those_of_the_textbook():
-    """Of a made-up number: the errors of mean and deviation, and the range of 95 %; devices are told of as they go."""
+    """For a made-up number: errors of mean and deviation, the 95 % range, and the progress per device."""
     told = []
     grams = Number("grams", of=lambda device, state: 1e3 * device.payload.mass)
     how = {"samples": 12, "seed": 5, "progress": lambda text, share: told.append((text.split(",")[0], share))}
@@ -227,9 +227,9 @@ def test_statistics_of_samples_are_those_of_the_textbook():
         {"payload.mass_g": 0.5},
         {},
     )
-    # Itself, both sides of a difference, and the samples: 15 designs, as many as are allowed.
+    # The design itself, both sides of a difference, and 12 samples: 15 designs.
     assert found.solves == 15
-    # Each is told of when it is solved; the first leaves 14 that take as long.
+    # Progress comes after each design; after the first, 14 of the same time remain.
     assert [text for text, _ in told] == [f"design {k + 1}" for k in range(15)]
     assert told[0][1] == pytest.approx(1 / 15)
     assert told[-1][1] == 1.0
@@ -248,7 +248,7 @@ def test_a_current_that_is_uncertain_and_a_number_that_moves_to_one_side():
     assert found["common_current"].value == 2.0
     assert found["common_current"].deviation == pytest.approx(0.02)
     assert found["common_current"].shares == {"current.loop": pytest.approx(1.0), "payload.mass_g": 0.0}
-    # 9 g have no number, 11 g have.
+    # The number exists at 11 g, but not at 9 g.
     assert found["own"].derivatives["payload.mass_g"] == pytest.approx(7e-3)
     assert found["own"].deviation == pytest.approx(2.1e-3)
     with refused(InputError, where="analyse_tolerances, payload.mass_g", must_hold="to one side at least"):
@@ -258,14 +258,14 @@ def test_a_current_that_is_uncertain_and_a_number_that_moves_to_one_side():
 
 @pytest.mark.parametrize("module", [fieldmap.studies, fieldmap.interop])
 def test_records_do_not_change(module):
-    """Every data class that users get."""
+    """All data classes of the public interface are frozen."""
     found = [one for one in map(vars(module).get, module.__all__) if dataclasses.is_dataclass(one)]
     assert len(found) > 2
     assert [one.__name__ for one in found if not one.__dataclass_params__.frozen] == []
 
 
 def test_differences_that_exact_derivatives_spare_are_not_waited_for():
-    """The flux density by turns: one solve and the samples, all of whose work is done at the end."""
+    """The flux density by turns: one solve and the samples; the progress ends at 1."""
     told = []
     how = {"points": [[0.0, 0.0, -0.014]], "currents": 1.0, "samples": 3, "refinement": 0.5}
     found = analyse_tolerances(

@@ -1,4 +1,4 @@
-"""Optimisations, tolerances and fits by two workers of a scheduler: the numbers of one process."""
+"""Optimisations, tolerances and fits with two workers of a scheduler give the numbers of one process."""
 
 import numpy as np
 import pytest
@@ -64,5 +64,5 @@ def test_the_numbers_are_those_of_one_process(work, scheduler, monkeypatch):
 
     monkeypatch.setattr(Pool, "map", counting)
     assert work(scheduler=scheduler) == alone
-    # Both sides of a difference, or one for each unknown.
+    # Both sides of a difference, or one design per unknown.
     assert max(shared) >= 2

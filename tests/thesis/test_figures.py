@@ -1,4 +1,4 @@
-"""The list of the thesis's figures, its page, and what keeps both to what the rows draw."""
+"""The list of the thesis's figures, its page, and checks that both agree with the figures that the rows draw."""
 
 from pathlib import Path
 

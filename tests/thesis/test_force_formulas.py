@@ -1,4 +1,4 @@
-"""Force formulas of chapter 4: arithmetic on printed constants, symmetry, and fits that must find what is there."""
+"""Force formulas of chapter 4: arithmetic on printed constants, symmetry, and fits that recover known constants."""
 
 from dataclasses import replace
 
@@ -66,7 +66,7 @@ def test_fit_finds_the_constants_of_4_9_to_rounding_and_noise_to_its_level(side)
 
 
 def test_at_one_depth_a_is_a_matter_of_choice():
-    """(4-7) at one depth is the same curve for every a, so a must be held; the curve does not notice."""
+    """At one depth (4-7) is the same curve for every a, so a must be given a value; the curve does not depend on it."""
     x, z = np.linspace(-0.15, 0.15, 21), np.full(21, 0.125)
     force = TABLE_4_2(x, z, 1e6)
     with pytest.raises(InputError, match="hold a"):
@@ -108,13 +108,13 @@ def test_arrays_that_do_not_fit():
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("held", [None, 0.3])
 def test_fit_of_4_7_and_4_8_with_their_origin_and_current(side, held):
-    """At a nominal current of 2 A, from an end of the pole piece; a held as well as found."""
+    """At a nominal current of 2 A, with the origin at an end of the pole piece; a held or fitted."""
     true = HorizontalForce(-3e-3, 0.3, 0.05, -7e-3, x0=-0.17 * side, nominal_current=2.0, side=side)
     x, z = (one.ravel() for one in np.meshgrid(np.linspace(-0.1, 0.1, 13), [0.08, 0.1, 0.13]))
     found = fit_horizontal_force(x, z, true(x, z, 2.0), 2.0, -0.17 * side, side=side, a=held)
     for name in ("inductance", "a", "b", "c", "x0", "nominal_current", "side", "d"):
         assert getattr(found.formula, name) == pytest.approx(getattr(true, name), rel=1e-5)
-    # I I0 of the attraction, I / I0 of the offset.
+    # The attraction is proportional to I I0, the offset to I / I0.
     bracket = 1 + 0.1 / 0.3 + side * (0.01 + 0.17 * side) / 0.05
     written = side * (3 * 2 * 3e-3 / (2 * 0.05 * bracket**2) - 7e-3 * 1.5)
     assert true(0.01, 0.1, 3.0) == pytest.approx(written, rel=1e-12)
@@ -152,7 +152,7 @@ def test_as_many_data_as_constants(fit, least):
 
 
 def test_no_force_and_no_dependence():
-    """Of no force nothing comes out; where y plays no part its length ends at 100 m."""
+    """Zero force gives zero inductance; a force independent of y gives the largest length d, 100 m."""
     assert fit_horizontal_force(X, Z, 0 * X, 1.0, -0.17).formula.inductance == 0.0
     y = np.resize([0.0, 0.01, 0.02, 0.03], len(X))
     free = fit_horizontal_force(X, Z, TABLE_4_2(X, Z, 1e6), 1e6, -0.17, y=y)

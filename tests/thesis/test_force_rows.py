@@ -1,4 +1,4 @@
-"""S9, S10: bands of the fitted constants, and what adding formulas does to their error."""
+"""S9, S10: bands of the fitted constants, and the error of summed formulas."""
 
 import re
 from types import SimpleNamespace
@@ -37,7 +37,7 @@ def test_constants_of_table_4_2(name, band):
 
 @pytest.mark.parametrize("factor", [2.0, 0.1])
 def test_constants_follow_the_nominal_current(factor):
-    """The iron is linear: -L0 I^2 / (2 b ...) + c is proportional to I, as are the errors; b is a length."""
+    """The iron is linear: -L0 I^2 / (2 b ...) + c and the errors are proportional to I; b is a length."""
     inputs = read_part("S9_constants").inputs
     once, other = (
         constants(inputs | {"nominal_current_A": factor * inputs["nominal_current_A"]} | more)
@@ -53,7 +53,7 @@ def test_constants_follow_the_nominal_current(factor):
 
 
 def test_the_formulas_equilibrium_at_three_to_one_is_not_the_force_s():
-    """Independent finite elements put it at -33 mm; arithmetic on the printed constants gives +0.79 mm."""
+    """Independent finite elements give -33 mm; arithmetic on the printed constants gives +0.79 mm."""
     assert row("S9")["equilibrium"].ours == pytest.approx(-33.0, abs=0.5)
     assert row("S9")["equilibrium"].thesis == 0.79
     assert -15 < row("S9")["equilibrium_of_refitted"].ours < -5
@@ -74,7 +74,7 @@ def test_force_is_the_moment_times_the_gradient_and_superposes():
 
 
 def test_real_iron_would_turn_the_lift_around():
-    """The lift at 1e6 A with the curve of A-3, against linear iron: reversed, whatever the law (67 T in the plate)."""
+    """The lift at 1e6 A with A-3's curve over the lift of linear iron is negative (67 T in the plate)."""
     words = next(text for text in row("S9")["equilibrium"].assumptions if "B-H curve" in text)
     assert float(words.split(" times")[0].split()[-1]) == pytest.approx(-1.26, abs=0.02)
 
@@ -84,7 +84,7 @@ def test_absolute_errors_grow_with_a_second_magnet_and_relative_ones_do_not():
     one, equal, unequal = (superposition_error(fit, pair, LINE) for pair in ((1, 0), (1, 1), (1.5, 0.5)))
     assert one.rms < equal.rms < unequal.rms < 1.6 * one.rms
     assert max(equal.whole, unequal.whole) < one.whole < 0.2
-    # The formula already misses two thirds of the force in the middle, with one magnet.
+    # With one magnet the error in the middle is already two thirds of the force.
     assert 0.5 < one.middle < 0.8
     one, equal = (superposition_error(vertical_fit().formula, pair, DEPTHS) for pair in ((1, 0), (1, 1)))
     assert equal.rms / one.rms == pytest.approx(np.sqrt(2), rel=0.1)
@@ -107,7 +107,7 @@ def test_six_magnets_double_the_error_of_one():
 
 
 def test_the_term_in_y_has_the_wrong_sign():
-    """Off the axis the pull weakens while (4-9) can only strengthen it, the offset being negative."""
+    """Off the axis the attraction weakens, but (4-9) can only strengthen it, because the offset is negative."""
     x = places(0.03)
     on, off = (unit_forces(0.09, 0.03, y)[1][np.abs(x) < 0.02] for y in (0.0, 0.03))
     assert np.all(off > on)
@@ -120,14 +120,14 @@ def rms(values):
 
 
 def of_left(x, z, currents=(1.0, 0.0)):
-    """Horizontal and vertical force, N: the moment of Table 4-1's magnet times the field's gradient at 1e6 A."""
+    """Horizontal and vertical force, N: moment of Table 4-1's magnet times the gradient of the field at 1e6 A."""
     solved = planar_force.unit()
     gradient = solved.gradient(np.column_stack([x, -z]), 1e6 * np.array(currents))
     return 0.015625 * gradient[:, 1, 0], 0.015625 * gradient[:, 1, 1]
 
 
 def test_what_is_said_of_the_constants():
-    """Errors of (4-7) along the line 125 mm deep, 61 places within 150 mm, with our constants and with Table 4-2's."""
+    """Errors of (4-7) on the line 125 mm deep, at 61 places within 150 mm, with our constants and Table 4-2's."""
     inputs = read_part("S9_constants").inputs
     answers = constants(inputs)
     x = np.linspace(-0.15, 0.15, 61)
@@ -163,8 +163,8 @@ def test_what_is_said_of_the_constants():
 
 @pytest.mark.parametrize(("ratio", "depth_mm"), [(3.0, 125.0), (2.0, 110.0)])
 def test_what_is_said_of_two_magnets(ratio, depth_mm, monkeypatch):
-    """Places without force; errors of one, of two at 1:1 and of two at the ratio; the share of the lift in saturating
-    iron of A-3's steel, here of a stand-in that lifts 2 T/m."""
+    """Places without force; errors with one magnet, with two at 1:1 and at the ratio; the lift in saturating iron of
+    A-3's steel relative to linear iron, with a stand-in that lifts 2 T/m."""
     asked = []
     steel = read_device("drive_unit_a3").materials["steel"].to_dict()
 
@@ -202,7 +202,7 @@ def test_what_is_said_of_two_magnets(ratio, depth_mm, monkeypatch):
 
 
 def test_figures_of_the_vertical_force():
-    """Over depth below the middle, and slope and intercept of lines through it over x; (4-4), (4-6) are our fit's."""
+    """Over the depth below the middle; slope and intercept over x of lines over depth; (4-4), (4-6) with our values."""
     formula = vertical_fit().formula
     few, depths, x = (
         np.linspace(0.1, 0.15, 40),
@@ -237,7 +237,7 @@ def test_figures_of_the_vertical_force():
 
 
 def of_coils(x, depth, y=0.0):
-    """F_x (coils, n), N, at 1 A in each coil alone of A-3's unit."""
+    """F_x (coils, n), N, at 1 A in one coil of A-3's unit at a time."""
     solved = spatial_force.unit()
     slopes = solved.unit_fields(np.column_stack([x, np.full_like(x, y), np.full_like(x, -depth)]))[1]
     return read_device("drive_unit_a3").payload.moment * slopes[:, :, 2, 0]
@@ -248,7 +248,7 @@ def of_coils(x, depth, y=0.0):
     [(90, 30, (5e-3, 2.2e-2), (-10.0, 0.0, 10.0, 20.0, 30.0)), (95, 24, (6e-3, 2e-2), (0.0, 15.0))],
 )
 def test_figures_and_facts_in_three_dimensions(depth_mm, half_mm, a_m, y_mm):
-    """Table 4-3 with constants of our fit, electromagnets 1 and 4 of Fig. 4-8, which are coils 2 and 5."""
+    """Table 4-3 with our constants. Electromagnets 1 and 4 of Fig. 4-8 are coils 2 and 5."""
     inputs = {"depth_mm": float(depth_mm), "half_width_mm": float(half_mm)}
     answers = spatial_force.constants(inputs | {"a_m": np.array(a_m), "y_mm": np.array(y_mm)})
     depth, half, ys = 1e-3 * depth_mm, 1e-3 * half_mm, 1e-3 * np.array(y_mm)
@@ -262,7 +262,7 @@ def test_figures_and_facts_in_three_dimensions(depth_mm, half_mm, a_m, y_mm):
     facts = answers.facts
     assert facts["rms_mN"] == pytest.approx([1e3 * rms(one) for one in off], rel=1e-6)
     assert (facts["device"], facts["mu_r"], facts["refinement"]) == ("drive_unit_a3", 4000.0, 0.4)
-    # With its term in |y|, on all lines at once.
+    # The formula with its term in |y|, fitted to all lines at once.
     plane = fitted("2", depth, half, a_m[0], 1, ys)
     lines = np.concatenate([of_coils(x, depth, y)[1] for y in ys])
     shape = plane.formula(np.tile(x, len(ys)), depth, 1.0, np.repeat(ys, len(x)))
@@ -282,7 +282,7 @@ def test_figures_and_facts_in_three_dimensions(depth_mm, half_mm, a_m, y_mm):
     drawn.append(("(4-9) fitted", "ours", 1e3 * x, 1e3 * plane.formula(x, depth, 1.0, 0.01)))
     assert_drawn(beside, labels, drawn)
     assert [one.title.rpartition(", ")[2] for one in (axis, beside)] == [f"{depth_mm} mm deep"] * 2
-    # Of each coil a parabola by least squares, and (4-9) with its pole on the side where it fits better.
+    # For each coil a least-squares parabola, and (4-9) with its pole on the side with the better fit.
     parabolas = np.array([np.polynomial.Polynomial.fit(x, line, 2)(x) for line in exact])
     better = np.array([min((fitted(name, depth, half, 2.2e-2, side) for side in (1, -1)), key=lambda one: one.rms)
                        .formula(x, depth, 1.0) for name in spatial_force.unit().coil_names])  # fmt: skip

@@ -1,4 +1,4 @@
-"""The unit led out and back with iron that remembers, without and with joints, on coarse meshes; its runs and rows."""
+"""The unit on a path out and back with hysteresis, with and without joints, on coarse meshes; its runs and rows."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -46,7 +46,7 @@ def test_without_pinning_the_way_back_is_the_way_out(bare):
 
 
 def test_remanent_loops_lead_and_the_lift_is_held(bare):
-    """On the way back the magnet lies nearer to the origin, as measured: a lag would have the other sign."""
+    """On the way back the magnet is nearer to the origin, as measured; a lag would have the other sign."""
     found = led(bare, Pinning(400.0, 3), Protocol())
     shift = 1e3 * found.shift("x")
     inputs = read_part("S14_x_remanence").inputs
@@ -66,7 +66,7 @@ def test_the_file_is_free_while_a_run_computes(tmp_path):
 
     def compute():
         with Checkpoint(tmp_path / "runs", "of another run", resume=False):
-            pass  # raises where the file is locked
+            pass  # raises if the file is locked
         computed.append(1)
         return {"shift": np.arange(3.0)}
 
@@ -80,7 +80,7 @@ def test_the_file_is_free_while_a_run_computes(tmp_path):
 
 
 def test_joints_and_hysteresis_make_the_magnet_lead_along_y(unit):
-    """What the bare unit does not: on the way back it lies beyond the origin, by more than half of what was measured.
+    """Unlike the bare unit: on the way back the magnet is beyond the origin, by more than half of the measured shift.
     The run is cached."""
     out, back = (shared_value(f"table_6_6.{way}_mm") for way in ("outward", "back"))
     way = np.array([0.0, 0.15, 0.0])
@@ -93,7 +93,7 @@ def test_joints_and_hysteresis_make_the_magnet_lead_along_y(unit):
 
 
 def test_a_cached_run_belongs_to_its_device_and_settings(unit, monkeypatch):
-    """Runs are computed anew where anything of them differs, and only there."""
+    """Runs are computed anew if any setting differs, and only then."""
     computed = []
 
     def led(solver, memory, signals, protocol, parts):
@@ -116,7 +116,7 @@ def test_a_cached_run_belongs_to_its_device_and_settings(unit, monkeypatch):
 
 
 def test_lift_law_at_other_depths_and_currents(unit):
-    """Against states solved by hand: lift over weight at (7-18), and where the same lift is a millimetre deeper."""
+    """Against states solved by hand: lift over weight at (7-18), and the current for the same lift 1 mm deeper."""
     law = hysteresis.lift_law(unit, np.array([10.0]))
     memory = unit.solver.demagnetised
     state = unit.solver.step(np.full(6, thesis_lift_current(10.0)), memory)
@@ -136,7 +136,7 @@ def test_lift_law_at_other_depths_and_currents(unit):
 
 
 class Straight:
-    """A unit whose magnet moves 20 mm, and whose largest current grows by 4 A, per signal of 1."""
+    """A unit whose magnet moves 20 mm per unit signal, and whose largest current grows by 4 A per unit signal."""
 
     def run(self, axis, signals, n=1.25, z_s=10.0):
         return Run(20.0 * signals, np.ones_like(signals), 2.0 + 4.0 * np.abs(signals), np.ones_like(signals))
@@ -149,7 +149,7 @@ def test_reach_ends_at_the_limit_or_at_the_largest_signal():
 
 @pytest.mark.parametrize("part", ["S14_x_remanence", "S14_y_remanence", "S14_x_joints", "S14_y_joints"])
 def test_rows_set_ours_beside_the_same_branch(monkeypatch, part):
-    """Fed the measured branches, every number must agree with the printed one."""
+    """With the measured branches as input, every number must agree with the printed one."""
     inputs = dict(read_part(part).inputs)
     joints = part.endswith("joints")
 
@@ -172,14 +172,14 @@ def test_rows_set_ours_beside_the_same_branch(monkeypatch, part):
     for name, values in numbers.items():
         expected = np.array([float(one.text) for one in printed[name]])
         if part == "S14_y_joints" and name.startswith("negative"):
-            # Along y the unit is its own mirror image.
+            # The unit is symmetric along y.
             other = np.array([float(one.text) for one in printed[name.replace("negative", "positive")]])
             expected = inputs["negative_outward_mm"][0] - (other - inputs["positive_outward_mm"][0])
         assert np.ravel(values) == pytest.approx(expected, abs=1e-9)
 
 
 class Followed:
-    """Iron whose memory is the list of currents that it saw."""
+    """Iron whose memory is the list of its past currents."""
 
     demagnetised = ()
     device = SimpleNamespace(payload=Payload(0.01, moment=0.8))
@@ -210,7 +210,7 @@ CYCLE = [0.05, 0.2, 0.05, 0.0, -0.05, -0.2, -0.05, 0.0]
     ],
 )
 def test_histories_step_by_step(history, levels):
-    """Amperes in all coils, and signals of y to 0.2 and -0.2, (6-3) with n = 1.5."""
+    """Equal currents in A, then y signals of up to 0.2 and -0.2, (6-3) with n = 1.5."""
     seen = prepared(Followed(), history, Protocol("y", n=1.5), 0.2)
     first = 3 if history in ("cycled", "restarted", "wiped") else len(levels)
     expected = [
@@ -222,7 +222,7 @@ def test_histories_step_by_step(history, levels):
 
 @pytest.fixture
 def followed(monkeypatch):
-    """Iron whose magnet lifts i^p exp(-a s - b s^2) of its mean current i, and lies at s along x, s^2 along y."""
+    """Iron whose magnet has the lift i^p exp(-a s - b s^2) at mean current i, and the position x = s, y = s^2."""
 
     def equilibrium_at(field, payload, path, near, level):
         currents, height = path("any level")
@@ -234,7 +234,7 @@ def followed(monkeypatch):
         return SimpleNamespace(position=np.array([s, s * s, height]), lift=lift), None
 
     def signal_of(currents):
-        """Of (6-3) along x with n = 1.25: linear in the signal."""
+        """The x signal of (6-3) with n = 1.25, from its linear relation to the currents."""
         unit = divide_currents(1.0, 0.01, 0.0, 1.25)
         return 0.01 * (currents / currents.mean() - 1)[0] / (unit[0] - 1)
 
@@ -259,8 +259,8 @@ def followed(monkeypatch):
 
 @pytest.mark.parametrize(("power", "trials"), [(0.9, [1, 2, 2, 1, 2, 2, 1]), (0.6, [1, 3, 3, 1, 3, 3, 1])])
 def test_the_level_is_sought_on_the_curve_of_those_before(followed, power, trials):
-    """Its logarithm is a parabola of the signal, known after three signals one way: then the first trial is right. A
-    power of 0.9 is what the first step expects, another takes one more."""
+    """The logarithm of the level is a parabola of the signal, known after three signals in one direction: then the
+    first trial is right. The first step assumes a power of 0.9; another power takes one trial more."""
     signals = np.array([0.0, 0.05, 0.1, 0.2, 0.15, 0.1, 0.05])
     found, tried, nears, _ = followed(signals, of=power)
     assert tried == [s for s, count in zip(signals, trials, strict=True) for _ in range(count)]
@@ -269,7 +269,7 @@ def test_the_level_is_sought_on_the_curve_of_those_before(followed, power, trial
     np.testing.assert_allclose(found.lifts, found.lifts[0], rtol=2e-3)
     np.testing.assert_allclose(found.places, np.column_stack([signals, signals**2]), atol=1e-9)
     np.testing.assert_allclose(nears[0], [0.0, 0.0])
-    # Each begins where the one before came to rest.
+    # Each search starts at the previous equilibrium.
     np.testing.assert_allclose(nears[-1], [0.1, 0.01], atol=1e-9)
 
 
@@ -283,7 +283,7 @@ def test_a_level_that_is_constant_and_steps_between_signals(followed):
 
 @pytest.mark.parametrize(("power", "trials"), [(0.2, 6), (6.0, 6)])
 def test_trials_end_after_six_and_steps_are_bounded(followed, power, trials):
-    """Of powers outside 0.3 to 2 each secant goes too far or not far enough."""
+    """For powers outside 0.3 to 2 each secant step is too long or too short."""
     found, tried, *_ = followed(np.array([0.0, 0.2]), of=power)
     assert len(tried) == 1 + trials
     misses, level = [], np.log(2 * 1.558)
@@ -295,7 +295,7 @@ def test_trials_end_after_six_and_steps_are_bounded(followed, power, trials):
 
 
 def test_lift_law_of_a_power(monkeypatch):
-    """dBz/dz of 2 i^0.8 exp(-30 depth) T/m, depth below the disk in m: at 10 mm 3 %/mm over 0.8."""
+    """dBz/dz = 2 i^0.8 exp(-30 depth) T/m, depth below the disk in m: at 10 mm the slope is 3 %/mm over 0.8."""
     carried = SimpleNamespace(mass=0.02, moment=0.6, magnet_offset=0.02)
 
     class Law(Followed):
@@ -310,7 +310,7 @@ def test_lift_law_of_a_power(monkeypatch):
     depths = 0.077 + 0.02 + np.array([0.005, 0.01, 0.02])
     np.testing.assert_allclose(law.shares, 0.6 * 2 * levels**0.8 * np.exp(-30 * depths) / (0.02 * 9.80665))
     assert law.relative_slope == pytest.approx(3.0 / 0.8)
-    # What is tried at 10 mm leaves no trace.
+    # Trial states at 10 mm do not change the memory.
     np.testing.assert_allclose(
         [one.mean() for one, _ in unit.solver.tries], [*levels[:2], 1.02 * levels[1], levels[2]]
     )
@@ -318,8 +318,8 @@ def test_lift_law_of_a_power(monkeypatch):
 
 
 def test_units_of_the_rows():
-    """Coercive field, joints and offset of the devices; mesh sizes over 0.5, six cells after a shaken history; coarser,
-    and with fewer cells, of iron that was never magnetised, in a quick look."""
+    """Coercive field, joints and offset of the devices; refinement 0.5 and six cells after a shaken history. A quick
+    run is coarser, with fewer cells and a demagnetised start."""
     bare = hysteresis._bare_unit.__wrapped__(123.0, 21.0, 7)
     assert (hysteresis.coercive_field(bare.device), bare.h) == (123.0, pytest.approx(21.0))
     assert bare.led == Led("demagnetised", cells=7, parts=1, refinement=0.5)
@@ -337,8 +337,8 @@ def test_units_of_the_rows():
 
 
 class Curved:
-    """A unit that is led, whose magnet goes 20 s + 10 s^2 mm along x, three times as far along y, less a tenth of z_s;
-    its currents grow by 4 A per signal of 1."""
+    """A unit with shifts of 20 s + 10 s^2 mm along x, three times as far along y, less a tenth of z_s; its currents
+    grow by 4 A per unit signal."""
 
     def __init__(self):
         self.ways = []
@@ -350,7 +350,7 @@ class Curved:
 
 
 def test_branches_and_ranges_by_axis_and_detail(monkeypatch):
-    """Along y, and in a quick look, the negative side is the mirror image of the positive one."""
+    """Along y, and in quick runs, the negative side mirrors the positive side."""
     unit = Curved()
     monkeypatch.setattr(hysteresis, "shipped_unit", lambda: unit)
     way = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.3, 0.2, 0.1, 0.0])
@@ -360,7 +360,7 @@ def test_branches_and_ranges_by_axis_and_detail(monkeypatch):
 
     np.testing.assert_allclose(hysteresis._branches("x", -way, 12.0), along(-way))
     np.testing.assert_allclose(hysteresis._branches("y", -way, 12.0), -along(way, 3))
-    # Along x to a signal of 0.25, where a coil carries 3 A: 5.625 mm less 1.2, and 4.375 mm and 1.2.
+    # Along x up to a signal of 0.25, where a coil carries 3 A: 5.625 mm - 1.2 mm, and 4.375 mm + 1.2 mm.
     assert hysteresis.joint_range("x", 12.0, 3.0, 0.45) == pytest.approx(4.425 + 5.575)
     assert hysteresis.joint_range("y", 12.0, 3.0, 0.45) == pytest.approx(2 * (3 * 5.625 - 1.2))
     assert unit.ways[-1] == pytest.approx(np.arange(0.0, 0.46, 0.05))
@@ -369,13 +369,13 @@ def test_branches_and_ranges_by_axis_and_detail(monkeypatch):
         assert unit.ways[-1] == pytest.approx([0.0, 0.2, 0.4, 0.2, 0.0])
         np.testing.assert_allclose(found[::2], -along(way[::2]))
         np.testing.assert_allclose(found[1], 0.5 * (found[0] + found[2]))
-        # Of signals 0, 0.225, 0.45: the currents are even.
+        # Interpolated between signals of 0, 0.225 and 0.45, because the currents are symmetric.
         reached = np.interp(0.25, [0.225, 0.45], along(np.array([0.225, 0.45])))
         assert hysteresis.joint_range("x", 12.0, 3.0, 0.45) == pytest.approx(2 * reached)
 
 
 def test_figures_of_branches(monkeypatch):
-    """Both ways of each side, ours from where the measured one begins; and the width for each coercive field."""
+    """Both directions of each side; ours starts where the measured branch starts. The width for each coercive field."""
     unit, asked = Curved(), []
     monkeypatch.setattr(hysteresis, "shipped_unit", lambda: unit)
     monkeypatch.setattr(hysteresis, "about_the_joints", dict)
@@ -404,7 +404,7 @@ def test_figures_of_branches(monkeypatch):
             self.coercive = of[0]
 
         def run(self, axis, way, z_s):
-            """On the way back 1 mm less per 100 A/m."""
+            """Shift along x; on the way back it is 1 mm less per 100 A/m."""
             assert (axis, z_s) == ("x", 12.0)
             shift = 20 * way - 0.01 * self.coercive * (np.arange(len(way)) > 2)
             return Run(shift, way, way, way)
@@ -433,8 +433,8 @@ def test_figures_of_branches(monkeypatch):
 
 
 def test_what_is_kept_of_a_run(monkeypatch):
-    """Places from the first one, in mm, levels, lifts, and the most that a coil carries, (6-3) with n = 1.5; before it
-    signals go to 0.4."""
+    """Shifts from the first place, mm, levels, lifts, and the largest coil current, (6-3) with n = 1.5. The preparation
+    has signals up to 0.4."""
     places = np.array([[1e-3, 0.0], [3e-3, 0.0]])
     made = hysteresis.Walk(np.array([0.0, -0.2]), places, np.array([2.0, 3.0]), np.array([0.1, 0.11]))
     ends = []

@@ -1,4 +1,4 @@
-"""What the rows of S16 and S17 on identification must show."""
+"""Requirements on the identification rows of S16 and S17."""
 
 import re
 from types import SimpleNamespace
@@ -39,7 +39,7 @@ def test_known_plants_come_back_within_one_percent(word):
 
 
 def test_table_5_2_obeys_the_unit_gain_of_integral_action():
-    """Its numbers and ours of the transcription: gain (1 - zero) / prod(1 - poles) = 1 within the printed digits."""
+    """The gain (1 - zero) / prod(1 - poles) is 1 within the printed digits, for the table's numbers and for ours."""
     for gain, zero, third, pair in [
         (0.002099, 0.9969, 0.9959, 0.9740 + 0.0301j),
         (0.00125, 0.9956, 0.9896, 0.9899 + 0.0207j),
@@ -62,7 +62,7 @@ def test_the_models_arc_is_that_of_the_table_and_minutes_bring_it_closer():
 
     model = part("the final model at the gains")
     real = [model[f"pair_real[{k}]"].ours for k in range(4)]
-    assert np.all(np.diff(real) > 0)  # towards q = 1 as the gain falls, as the printed ones do
+    assert np.all(np.diff(real) > 0)  # towards q = 1 as the gain falls, like the printed poles
     assert distance("the final model at the gains", range(4)).max() < 0.03
     assert distance("times in minutes", (1, 2, 3)).max() < 0.0015
     assert distance("the final model at the gains", (1, 2, 3)).min() > 0.007
@@ -86,7 +86,7 @@ def loop_poles(plant, gain):
 
 
 def test_figures_of_the_root_locus():
-    """Every point lies on the locus, and each branch of it is drawn from end to end where the figure shows it."""
+    """Every drawn point is on the locus, and each branch is drawn over the whole range of the figure."""
     whole, near = computed("S16_root_locus").curves
     circle = whole.series[0]
     assert (circle.name, circle.kind) == ("unit circle", "asked")
@@ -125,7 +125,7 @@ def test_figures_of_the_root_locus():
     ],
 )
 def test_figures_of_steps(part, names, end):
-    """Every 2 ms to the end, to 1 mm; peaks are those of the numbers."""
+    """Every 2 ms to the end of a step of 1 mm; the peaks agree with the overshoot in the numbers."""
     (figure,) = computed(part).curves
     *lines, asked = figure.series
     assert [one.name for one in lines] == names
@@ -138,7 +138,7 @@ def test_figures_of_steps(part, names, end):
 
 
 def test_records_are_of_the_signals_and_noise_of_the_row(monkeypatch):
-    """6.4: 100 records of 3 s after 0.1 s at rest; the noise differs from record to record."""
+    """6.4: 100 records of 3 s after 0.1 s at rest, each with its own noise."""
     seen = []
 
     def of_runs(y, u, orders):
@@ -168,12 +168,12 @@ def test_records_are_of_the_signals_and_noise_of_the_row(monkeypatch):
     ],
 )
 def test_the_smallest_positive_signal_of_a_polynomial(factors, signal):
-    """That reaches 5 mm; neither a negative one, nor 0, nor a complex pair at 0.2."""
+    """The signal that reaches 5 mm; not a negative one, not 0, and not a complex pair near 0.2."""
     assert horizontal.signal_of(np.append(factors[:-1], factors[-1] + 5.0), 5.0) == pytest.approx(signal)
 
 
 def test_a_signal_is_sought_four_times(monkeypatch):
-    """Where the machine goes twice as far as asked, whatever the signal, that is halved; within 1 % it is kept."""
+    """The signal is halved each time if the machine goes twice as far as asked; within 1 % it is kept."""
     tried, moved = [], [2.0]
 
     def run_of(inputs, scenario, changes):
@@ -197,7 +197,7 @@ def test_as_many_records_as_are_said():
 
 
 def test_the_plant_behind_poles_comes_back():
-    """g = 1700 mm/s^2 per V, c = 160 1/s^2, d = 3 1/s; poles of the gain that is held back are wrong, to no effect."""
+    """g = 1700 mm/s^2 per V, c = 160 1/s^2, d = 3 1/s; wrong poles at the gain held back have no effect."""
     Ts, Ti, Td = 2e-3, 60 * 0.008, 60 * 0.0012
     top, bottom, _ = scipy.signal.cont2discrete(([1700.0], [1.0, 3.0, -160.0]), Ts)
     half, rate = Ts / (2 * Ti), Td / Ts

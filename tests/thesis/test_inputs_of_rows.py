@@ -1,5 +1,5 @@
-"""Every part of the thesis's rows follows every number that it states: each input is changed alone, and each number
-must be what a closed form, written out here, makes of the changed inputs; or the part says which test does that."""
+"""Every part of the thesis's rows depends on each of its inputs. Each input is changed alone, and each number is
+compared with a closed form at the changed inputs; for the remaining parts ELSEWHERE names the test that does so."""
 
 import re
 from functools import cache
@@ -33,18 +33,18 @@ def magnets(i):
 
 
 def windings(i):
-    """Current over the square of the wire, and ampere-turns, stay."""
+    """Current over the square of the wire's size, and ampere-turns, stay constant."""
     area = (i["simplified_wire_mm"] / i["exact_wire_mm"]) ** 2
     return {"simplified_current": i["exact_current_A"] * area, "simplified_turns": i["exact_turns"] / area}
 
 
 def two_windings(i):
-    """The stand-ins differ by the depth in m."""
+    """The two stand-ins differ by the depth in m."""
     return {"difference_of_the_windings": 0.1 * i["far_mm"], "depth_exact": 40.0, "depth_simplified": 50.0}
 
 
 def divided(ratio, nominal, mm):
-    """What the planar stand-in answers: currents of left and right with a sum of 2 nominal, and the depth."""
+    """The planar stand-in's result for left and right currents with a sum of 2 nominal, and the depth."""
     left, right = 2 * nominal / (1 + ratio), 2 * nominal * ratio / (1 + ratio)
     return left + 3 * right - 1e3 * mm
 
@@ -73,7 +73,7 @@ def planar_zeros(i):
 
 
 def lumped(i):
-    """Downwards m z'' = m g - m g (i / (i0 + s z))^2: the poles of z are +-sqrt(2 g s / (i0 + s z))."""
+    """Downwards m z'' = m g - m g (i / (i0 + s z))^2, so the poles are +-sqrt(2 g s / (i0 + s z))."""
     current = i["current_at_zero_A"] + i["slope_A_per_mm"] * i["depth_mm"]
     product = -2 * G * 1e3 * i["slope_A_per_mm"] / current
     sign = np.sign(i["identified_denominator"][1])
@@ -95,7 +95,7 @@ def frames(i):
 
 
 def accuracy(i, volts, gain, inside=1.0):
-    """Appendix B, V."""
+    """The converter's error, V, from Appendix B."""
     offset = i["offset_error"] + i["offset_drift"] * inside + i["nonlinearity"]
     return np.asarray(volts) * gain + i["range_V"] * offset + 3e-6 * i["random_noise_uV"]
 
@@ -115,7 +115,7 @@ def converter(i):
 
 
 def budget(i):
-    """Appendix C."""
+    """The error budget of Appendix C."""
     actual = i["nominal_mm"] + i["accuracy_mm"] * np.array([1, -1])
     unit = 1e-3 * i["voltage_step_mV"] * i["scale_mm_per_V"]
     shown = unit * np.floor(actual / unit + 0.5 + 1e-9)
@@ -145,13 +145,13 @@ def chain(i):
         "current_at_input": i["gain_A_per_V"] * i["input_V"],
         "gain": np.mean(i["multimeter_A"]) / i["input_V"],
         "deviation_range": [np.min(i["current_deviation_A"]), np.max(i["current_deviation_A"])],
-        # Sheppard: a step q adds q^2 / 12 to the variance, the mean over all places in it.
+        # Sheppard: a step q adds q^2 / 12 to the variance, averaged over places within the step.
         "held_deviation": (1e3 * i["scale_mm_per_V"] * np.hypot(noise, step / np.sqrt(12)), 0.01),
     }
 
 
 def of_levitation(i):
-    """Stand-ins: lift current 1 + z/100 + h/1000 A at force 1, lift share 0.3 + z/100 + h/1000 + current/10."""
+    """Stand-ins: lift current 1 + z/100 + h/1000 A at force 1; lift share 0.3 + z/100 + h/1000 + current/10."""
     zs, hs, h, z = i["depths_mm"], i["offsets_mm"], i["offset_mm"], i["middle_mm"]
     law = 1.215 + 0.0343 * np.asarray(zs)
     return {
@@ -167,7 +167,7 @@ def of_levitation(i):
 
 
 def clear_directions(i):
-    """Stand-in: coil k moves the magnet by k - 3.28 along x and by 3.28 - k along y, by 2.72 at most."""
+    """Stand-in: coil k moves the magnet by k - 3.28 along x and by 3.28 - k along y; the largest is 2.72."""
     moved = np.arange(1.0, 7.0) - 3.28
     signs = np.where(np.abs(moved) > 2.72 * i["least_share"], np.sign(moved), 0)
     return {"directions": np.array([signs, -signs, -signs, signs]).ravel()}
@@ -200,7 +200,7 @@ def loop(i, gain):
 
 
 def of_step(y, Ts):
-    """Of a step of 1 mm: from 10 % to 90 %, and after which 2 % are kept, between samples."""
+    """Metrics of a step of 1 mm: 10 % to 90 %, and settling within 2 %, interpolated between samples."""
 
     def crossing(values, k, level):
         return Ts * (k - 1 + (level - values[k - 1]) / (values[k] - values[k - 1]))
@@ -221,13 +221,13 @@ def closed_loop(i):
     sensitivity = scipy.signal.lfilter(bottom, bottom + forward, np.eye(1, 20000)[0])
     return of_step(y, i["Ts_s"]) | {
         "time_to_reference": i["Ts_s"] * np.argmax(y >= 1),
-        # Of some 100 000 samples.
+        # From about 100 000 samples.
         "rms_at_rest": (i["sensor_deviation_mm"] * np.sqrt(np.sum(sensitivity**2)), 0.02),
     }
 
 
 def recovered(i):
-    """What the records were made of."""
+    """The plant that generated the records."""
     poles = np.sort(np.real(i["plant_poles"]))[::-1]
     return {"poles": (poles, 5e-3), "zero": (i["plant_zeros"], 5e-3), "gain": (i["plant_gain"], 5e-3)}
 
@@ -250,7 +250,7 @@ def loci_of(poles, i):
 
 
 def in_minutes(i):
-    """Of the stand-in g = 1600 mm/s^2 per V, c = 150 1/s^2, d = 2 1/s, for a held input."""
+    """For the stand-in g = 1600 mm/s^2 per V, c = 150 1/s^2, d = 2 1/s, with a held input."""
     Ts, Ti, Td = i["Ts_s"], 60 * i["Ti_s"], 60 * i["Td_s"]
     A, B = np.array([[-2.0, 150.0], [1.0, 0.0]]), np.array([[1600.0], [0.0]])
     top, bottom, _ = scipy.signal.cont2discrete(([1600.0], [1.0, 2.0, -150.0]), Ts)
@@ -258,7 +258,7 @@ def in_minutes(i):
     pid = np.array([1 + half + rate, half - 1 - 2 * rate, rate])
     bottom, forward = np.convolve(bottom, [1, -1, 0]), np.convolve(np.ravel(top), pid)
     found = loci_of([np.roots(bottom + gain * forward) for gain in i["gains"]], i)
-    # One step of 3000 samples, the derivative being that of the position.
+    # A step of 3000 samples; the derivative acts on the position.
     phi = scipy.linalg.expm(np.block([[A, B], [np.zeros((1, 3))]]) * Ts)
     x, integral, before, y = np.zeros(2), 0.0, (0.0, 0.0), []
     for _ in range(3000):
@@ -299,7 +299,7 @@ def sideways(i):
 
 
 def regulated(i):
-    """The model in continuous time, its rest voltage; the rounded one with its output's integral, for a held input."""
+    """The continuous model, its voltage at rest, and the rounded model with output integral for a held input."""
     poles = np.log(i["plant_poles"]) / i["Ts_s"]
     top, bottom = plant(i)
     a1, a0 = np.asarray(i["rounded_denominator"])[1:] / i["rounded_denominator"][0]
@@ -314,10 +314,10 @@ def regulated(i):
 
 
 def regulated_loop(i):
-    """The regulator of lqrd and kalmd on its own model, with the three rests and estimates."""
+    """The regulator of lqrd and kalmd on its own model, for the three choices of rest and estimate."""
     Ts, top = i["Ts_s"], plant(i)
     bottom = np.poly(np.log(i["plant_poles"]) / Ts)
-    # b1 s + b0 of a held input: two samples of its step response say both.
+    # b1 s + b0 follow from two samples of the step response with a held input.
     first = scipy.signal.lfilter(np.append(0.0, top[0]), top[1], np.ones(3))[1:]
     A, B = np.array([[-bottom[1], -bottom[2]], [1.0, 0.0]]), np.array([[1.0], [0.0]])
     phi = scipy.linalg.expm(np.block([[A, B], [np.zeros((1, 3))]]) * Ts)
@@ -401,12 +401,12 @@ def test_every_part_with_inputs_is_varied_here_or_elsewhere():
         assert f"def {name}" in (Path(__file__).parents[1] / path).read_text(encoding="utf-8"), place
 
 
-# Beside what a part computes, it is compared with, drawn, or begins with.
+# Inputs without effect on the numbers: printed values for comparison, values only drawn, and start values.
 WITHOUT_EFFECT = {
     "S4_levitation": {"near_mm", "printed_depth_mm"},
     "S5_current_ratio": {"table_2_3_mm"},
     "S5_depth": {"table_2_4_mm"},
-    # The law of the lift is per mass; the sensor's zero and its steps are left out of a held output.
+    # The lift law is per mass; the sensor's zero and steps do not change the noise of a held output.
     "S6": {"mass_g"},
     "S8_error_budget": {"bits"},
     "S8_sensor_and_amplifier": {"zero_mm"},
@@ -417,15 +417,15 @@ WITHOUT_EFFECT = {
     "S16_root_locus": {"preliminary_zeros", "preliminary_poles", "measured_real", "measured_imaginary", "third_gains"},
     "S17_arithmetic": {"Ts_s"},
     "S17_recovery": {"x_signal", "y_signal", "deviation_mm"},
-    # Tests of lqrd and kalmd.
+    # Covered by the tests of lqrd and kalmd.
     "S20_models": {"Q", "R", "noise_mm2"},
-    # Through the plant that is fitted, for which another stands here.
+    # They act through the fitted plant, which a stand-in replaces here.
     "S16_times_in_minutes": {"third_gains", "pair_real", "pair_imaginary", "third", "held_back"},
 }  # fmt: skip
 
 
 def changed(name, value):
-    """Another value of an input that is as good."""
+    """Another valid value of an input."""
     if re.search("_(bits|order)$|^bits$", name) and np.ndim(value) == 0:
         return value + 1
     if name == "identified_denominator":
@@ -502,7 +502,7 @@ def numbers_of(part, inputs):
 
 @pytest.fixture
 def stand_ins(monkeypatch):
-    """What rows of solved units ask, answered so that the answer tells the question."""
+    """Stand-ins for solved units, whose results depend on all arguments in a known way."""
 
     def told(solved, amperes, z):
         return amperes[0] + 3 * amperes[1] + 1e6 * z
@@ -548,7 +548,7 @@ def stand_ins(monkeypatch):
     exact = vertical.rms_at_rest
 
     def at_rest(plant, under, deviation):
-        """Of the regulator: seven times the deviation, and the number that divides its feedback."""
+        """For the regulator seven times the deviation plus the divisor of its feedback; else exact."""
         told = isinstance(under, control.Regulator) and under.estimate == "predicted"
         return 7 * deviation + under.divisor if told else exact(plant, under, deviation)
 

@@ -1,4 +1,4 @@
-"""Plants of the unit's field beside the identified ones."""
+"""Plants computed from the unit's field, compared with the identified plants."""
 
 from types import SimpleNamespace
 
@@ -37,7 +37,7 @@ def test_what_is_called_identified_follows_from_the_printed_models():
 
 
 def test_the_three_products_add_up_to_zero(vertical, horizontal):
-    """Earnshaw, for either iron; the step of the differences and the map leave 1e-3."""
+    """Earnshaw, for both kinds of iron; map and difference steps leave 1e-3."""
     third = list(read_part("S16_map_plant").inputs["offsets_mm"]).index(15.0)
     for name, product in (
         ("product", vertical["product"][third]),
@@ -61,13 +61,13 @@ def test_horizontal_axes_are_stable_and_overdamped_by_the_identified_pole(horizo
 def test_signals_move_the_magnet_the_right_way(horizontal):
     for name in ("position", "position_saturating", "position_1_558_A"):
         assert min(horizontal[name]) > 0
-    # The same saturation as on the rig: within a factor of two of the measured 1 mm, which linear iron is not.
+    # As saturated as the rig: within a factor of two of the measured 1 mm, unlike linear iron.
     assert all(0.5 < x < 2 for x in horizontal["position_1_558_A"])
     assert all(x > 2 for x in horizontal["position"])
 
 
 def test_volts_per_millimetre_of_depth_are_those_of_the_lift_currents():
-    """The linear plant's slope against the lift currents of its field a millimetre above and below."""
+    """The linear plant's slope against lift currents of its field half a millimetre above and below."""
     inputs = read_part("S16_map_plant").inputs
     depth, h, n = inputs["depth_mm"], inputs["offset_mm"], inputs["n"]
     plant = map_plants._linear_plant(depth, h, n)
@@ -83,7 +83,7 @@ def test_volts_per_millimetre_of_depth_are_those_of_the_lift_currents():
 
 
 class Plant:
-    """Its products and stiffness grow with a number."""
+    """A plant whose pole products and stiffness are proportional to k."""
 
     def __init__(self, k):
         self.pole_products = k * np.array([10.0, 20.0, -300.0])
@@ -126,7 +126,7 @@ def test_numbers_of_the_vertical_plant(plants):
     assert numbers["product"] == pytest.approx([-315.0, -375.0])
     assert numbers["product_saturating"] == pytest.approx(-600.0)
     assert numbers["sign_of_gain"] == [-1.0, -1.0]
-    # K dz = f di: 70 k N/m over 0.7 N/A are 100 k A/m, 0.1 k A/mm, 0.25 k V/mm.
+    # K dz = f di: 70 k N/m over 0.7 N/A are 100 k A/m, or 0.1 k A/mm, or 0.25 k V/mm.
     assert (numbers["slope"], numbers["slope_saturating"]) == pytest.approx((0.3, 0.5))
     assert answers.facts["saturating_lift"] == pytest.approx(1.2)
     assert answers.facts["refinement"] == 0.4
@@ -145,21 +145,21 @@ def test_numbers_of_the_horizontal_plants(plants):
     damping = [np.log(0.99) / 2e-3, 10 * np.log(0.98) / 2e-3]
     for name in ("damping", "damping_saturating"):
         assert numbers[name] == pytest.approx(damping)
-    # Force 0.2 k N per unit over 3 k N/m along x, 0.5 N over 5 k N/m along y.
+    # A force of 0.2 k N per unit over 3 k N/m along x, and 0.5 N over 5 k N/m along y.
     for name, k in (("position", 1.2), ("position_saturating", 2.0), ("position_1_558_A", 4.0)):
         assert numbers[name] == pytest.approx([0.06 * 200 / 3, 0.08 * 100 / k])
     assert (answers.facts["saturating_lift"], answers.facts["measured_lift"]) == pytest.approx((1.2, 1.4))
 
 
 def test_plants_are_taken_at_the_lift_current_or_the_one_that_is_asked_for(monkeypatch):
-    """At 10 mm and h = 15 mm, of equal currents and (6-3) with n = 1.25."""
+    """At 10 mm and h = 15 mm, with equal currents and (6-3) with n = 1.25."""
     made = []
 
     def plant(field, payload, point, currents, signals, signal_steps):
         np.testing.assert_allclose(point, [0.0, 0.0, -0.102])
         level = currents[0]
         np.testing.assert_allclose(currents, np.full(6, level))
-        # Unit signals of u, x and y, the others being level, 0, 0.
+        # Slopes by u, x and y about level, 0, 0.
         for k, (x, y) in enumerate(((1e-6, 0.0), (0.0, 1e-6)), 1):
             ahead = (divide_currents(level, x, y, 1.25) - np.full(6, level)) / 1e-6
             np.testing.assert_allclose(signals[:, k], ahead, rtol=1e-5, atol=1e-5)
@@ -193,7 +193,7 @@ def test_plants_are_taken_at_the_lift_current_or_the_one_that_is_asked_for(monke
 
 
 def test_the_linear_map_is_the_field_of_the_unit(monkeypatch):
-    """Nodes 3 mm apart or less, 6 mm to either side of the axis; of an even gradient the map is exact."""
+    """Nodes at most 3 mm apart, 6 mm to both sides of the axis; the map is exact for a uniform gradient."""
     slope = np.array([[1.0, 2.0, 3.0], [2.0, -5.0, 4.0], [3.0, 4.0, 4.0]])
     nodes = []
 

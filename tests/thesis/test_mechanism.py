@@ -1,4 +1,4 @@
-"""The table of printed numbers: its files, what is compared, and what the command does with them."""
+"""The table of printed numbers: its files, the comparison, and the command."""
 
 import json
 import tomllib
@@ -44,7 +44,7 @@ def test_texts_of_a_part_speak_of_its_own_numbers(part):
 
 
 def test_no_number_of_the_thesis_is_written_twice():
-    """A list of three or more, or an input of the same name and place: once, in numbers.toml, and taken from there."""
+    """Lists of three or more numbers, and inputs of equal name and place, stand once, in numbers.toml."""
     found = Counter()
     for path in sorted(PRINTED_NUMBERS.glob("*.toml")):
         content = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -53,7 +53,7 @@ def test_no_number_of_the_thesis_is_written_twice():
 
 
 def spelled(content):
-    """Lists of three or more different numbers, and inputs with name, value and place, that a file writes itself."""
+    """Lists of three or more different numbers, and inputs with name, value and place, that a file contains itself."""
     if isinstance(content, dict):
         for name, entry in content.items():
             if (
@@ -107,7 +107,7 @@ def test_every_printed_number_has_its_place_and_kind(part):
 
 @pytest.mark.parametrize("part", SHARP)
 def test_sharp_numbers_agree_to_the_printed_digits(part):
-    """And a number that is called a misprint is one; only sharp numbers are judged. No part of these needs a map."""
+    """Misprints disagree; only sharp numbers are judged. None of these parts needs a map."""
     numbers = compute_part(part, Path("no maps here")).comparisons
     wrong = [
         f"{n.name}: {n.thesis} printed, {n.ours} computed"
@@ -143,7 +143,7 @@ def test_json_has_the_fields_that_others_read(capsys):
     assert {number["id"] for number in numbers} == {"S7"}
 
 
-# Other tests compute the rest of what needs no map: here ones stand for their numbers.
+# Other tests compute the remaining parts without map; here all their numbers are 1.
 COMPUTED = {"S16_closed_loop", "S20_closed_loop"}
 
 
@@ -158,7 +158,7 @@ def test_table_names_every_row(capsys, monkeypatch, tmp_path):
         return (lambda inputs: stand_in(read_part(part))) if costly else function_of(part)
 
     monkeypatch.setattr("fieldmap.thesis.computation.function_of", function)
-    # Texts as they stand: the facts of these parts are missing.
+    # The unfilled texts: the facts of these parts are missing.
     monkeypatch.setattr("fieldmap.thesis.computation.filled", lambda text, values: text)
     monkeypatch.chdir(tmp_path)
     assert main(["thesis"]) == 0
@@ -177,7 +177,7 @@ def test_bad_row_on_the_command_line(capsys):
 
 @pytest.fixture
 def replaced(monkeypatch):
-    """Put another function, and another data file, in the place of S7's."""
+    """Replace S7's function and its data."""
 
     def replace(function, **data):
         printed = read_part("S7")

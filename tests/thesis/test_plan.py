@@ -1,4 +1,4 @@
-"""What a run says before it begins, in what order it works, and that the page grows with it."""
+"""The announcement of a run, its order of work, and the growing page."""
 
 import threading
 import time
@@ -135,7 +135,7 @@ def test_the_page_is_there_before_the_first_part_and_grows(tmp_path, monkeypatch
 
 
 def test_progress_moves_while_a_part_is_at_work(monkeypatch):
-    """Every moment or so, never backwards, and never beyond the part."""
+    """Often, never backwards, and never beyond the part."""
     monkeypatch.setattr("fieldmap.thesis.plan.MOVED_EVERY", 0.1)
     monkeypatch.setattr("fieldmap.thesis.plan.TOLD_EVERY", 0.05)
     seen = []
@@ -186,7 +186,7 @@ def test_maps_are_looked_for_in_the_folder_that_is_given(tmp_path):
 
 
 def test_quick_takes_less_than_five_minutes():
-    """By the times that the row files state; the map included."""
+    """Total of the times in the row files, including the map."""
     with detail.at(detail.QUICK):
         total = sum(map(expected_seconds, part_names())) + MAP_SECONDS["division_quick"]
     assert total < 300.0
@@ -210,7 +210,7 @@ def test_times_to_one_or_two_digits(seconds, text):
 
 
 def test_the_line_of_a_plan():
-    """Parts and rows, maps to be made and left out, and the time of all: 200 s of a map, 60 s of one that is not known,
+    """Parts and rows, maps to make and maps missing, and the total time: 200 s for a map, 60 s for an unknown map,
     240 s of compilation."""
     stages = (Stage({"S4_windings": 30.0, "S4_levitation": 40.0}), Stage(recipe="division", target=Path("a.h5")),
               Stage({"S12": 50.0}))  # fmt: skip
@@ -227,7 +227,7 @@ def test_the_line_of_a_plan():
 
 
 def test_shares_of_the_work(monkeypatch):
-    """Of 300 s: 30 and 70 of two parts, 200 of the map at its half, 0 of the last part's own 0."""
+    """In all 400 s: 30 and 70 of two parts, 200 of the map, then 100."""
     import fieldmap.maps
 
     told = []
@@ -246,7 +246,7 @@ def test_shares_of_the_work(monkeypatch):
 
 
 def test_a_part_that_takes_long_tells_how_long(monkeypatch):
-    """After 20 s of 30, by a clock of its own: its share is 1 - exp(-2/3) of what it has of the whole."""
+    """After 20 s of 30 on a fake clock the part has 1 - exp(-2/3) of its share of the whole."""
     clock, told = [100.0], []
     monkeypatch.setattr("fieldmap.thesis.plan.time", SimpleNamespace(monotonic=lambda: clock[0]))
     waits = iter([(9.0, False), (10.5, False), (25.0, False), (25.0, True)])
@@ -275,7 +275,7 @@ def test_a_part_that_takes_long_tells_how_long(monkeypatch):
 
 @pytest.mark.parametrize("part", part_names())
 def test_a_part_is_what_its_file_says(part):
-    """Times of 1 s, and of 0.1 s in a quick look, where none is said."""
+    """The default times are 1 s, and 0.1 s in a quick run."""
     row, _, name = part.partition("_")
     content = tomllib.loads((PRINTED_NUMBERS / f"{row}.toml").read_text(encoding="utf-8"))
     (said,) = (one for one in content["part"] if one.get("name", "") == name)
@@ -311,7 +311,7 @@ def test_a_part_is_what_its_file_says(part):
     ],
 )
 def test_what_is_taken_from_the_shared_numbers(part, name, texts):
-    """An entry, rows of one, some entries; the last one for each coercive field, back less outward of Table 6-4."""
+    """An entry, rows of an entry, some entries; and back less outward of Table 6-4 for each coercive field."""
     found = [n.text for n in read_part(part).numbers[name]]
     back = ["-0.776", "-0.400", "0.01", "0.71", "1.619", "2.804", "4.250", "6.574", "9.329"]
     out = [str(x) for x in shared_value("table_6_4.outward_mm")]
@@ -320,7 +320,7 @@ def test_what_is_taken_from_the_shared_numbers(part, name, texts):
 
 
 def test_refinement_and_counts_of_a_quick_look():
-    """Mesh sizes over 0.4 of what is usual, 0.25 at least, never finer than usual; 0.4 of a count, three at least."""
+    """Refinement times 0.4, at least 0.25, and never finer than normal; 0.4 of a count, at least three."""
     assert (detail.COARSE, detail.COARSEST) == (0.4, 0.25)
     assert [detail.refinement(1.3), detail.fewer(10)] == [1.3, 10]
     with detail.at(detail.QUICK):
@@ -330,7 +330,7 @@ def test_refinement_and_counts_of_a_quick_look():
 
 
 def test_processor_time_of_a_part(monkeypatch):
-    """From 100 s to 103.5 s by a clock of its own."""
+    """From 100 s to 103.5 s on a fake clock."""
     clock = iter([100.0, 103.5])
     monkeypatch.setattr("fieldmap.thesis.computation.time", SimpleNamespace(process_time=lambda: next(clock)))
     assert compute_part("S6").seconds == 3.5

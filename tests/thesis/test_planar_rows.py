@@ -1,4 +1,4 @@
-"""Bands that the planar model holds against the thesis, 3 mm in the equilibria, 12 % in the gradients; its figures."""
+"""The planar model against the thesis: equilibria within 3 mm, gradients within 12 %; its figures."""
 
 import re
 from functools import cache
@@ -41,7 +41,7 @@ def test_open_space_is_printed_beside_and_is_another_machine():
 
 
 def test_saturating_iron_moves_them_by_less_than_three_millimetres():
-    """At 1000 A the iron is far from saturation; A-3's curve differs by its initial permeability of 1569."""
+    """At 1000 A the iron is far from saturation; A-3's curve differs by its initial relative permeability of 1569."""
     linear, curve = (
         [n.ours for n in row() if n.name.startswith(f"{word}[") and n.place == "Table 2-3"]
         for word in ("equilibrium", "equilibrium_with_curve")
@@ -61,7 +61,7 @@ def test_three_points_become_one():
 
 
 def test_the_points_are_where_three_become_one():
-    """At half a millimetre to either side of that depth there are three and one."""
+    """Half a millimetre above that depth there are three points, half a millimetre below there is one."""
     (depth,) = (n.ours for n in row() if n.name == "depth_of_the_change")
     for off, count in ((-0.5, 3), (0.5, 1)):
         points = planar.stationary_points(unit(True), [800.0, 1200.0], -1e-3 * (depth + off), -WINDOW, WINDOW)
@@ -74,18 +74,18 @@ def test_gradients_are_differences_of_the_field(walls):
     for ours, (ratio, way) in zip(found, ((1.0, [0, 1]), (3.0, [1, 0]), (11 / 9, [1, 0])), strict=True):
         step = 1e-4 * np.array(way)
         ahead, behind = (unit(walls).field([[0.0, -0.1] + k * step], divided(ratio))[0, 1] for k in (1, -1))
-        # The depth counts downwards.
+        # Depth counts downwards.
         assert ours == pytest.approx((1 - 2 * way[1]) * (ahead - behind) / 2e-4, rel=1e-4)
 
 
 def divided(ratio):
-    """A, of the left and the right, 2000 in all."""
+    """Currents of left and right, A, with a sum of 2000 A."""
     return np.array([2000 / (1 + ratio), 2000 * ratio / (1 + ratio)])
 
 
 @cache
 def rest(solved, ratio, depth):
-    """m: the nearest maximum of |B_z| on the side where it grows; of equal currents the middle, stable or not."""
+    """m: the nearest maximum of |B_z| on the side where it increases; for equal currents the middle, stable or not."""
     points = planar.stationary_points(solved, divided(ratio), -depth, -WINDOW, WINDOW, samples=80)
     if ratio == 1:
         return min((p.x for p in points), key=abs)
@@ -105,14 +105,14 @@ def test_left_and_right_change_places():
     [(0.05, 0.03), (-0.05, -0.04), (2e-3, 0.03), (5e-4, -0.01), (-5e-4, -0.01), (-2e-3, -0.04)],
 )
 def test_where_the_force_leads(force, found, monkeypatch):
-    """To the nearest stable place on its side; where it is less than a thousandth of the lift, to the nearest one."""
+    """To the nearest stable place on its side; below a thousandth of the lift, to the nearest stationary point."""
     places = ((-0.08, True), (-0.04, True), (-0.01, False), (0.02, False), (0.03, True), (0.1, True))
     points = [planar.StationaryPoint(x, stable, 1.0) for x, stable in places]
     asked = []
     monkeypatch.setattr(
         planar_unit.planar, "stationary_points", lambda *given: asked.append(given[2:]) or points
     )
-    # B_x - i B_z by x + i z: a lift of 2 is dB_x/dx = -2.
+    # Derivative of B_x - i B_z by x + i z: a lift of 2 is dB_x/dx = -2.
     slopes = np.array([[0.0], [-2.0 - 2j * force], [0.0]])
 
     class Solved:
@@ -127,7 +127,7 @@ def test_where_the_force_leads(force, found, monkeypatch):
 
 
 def drawn_along_x(solved, lines, table, window):
-    """Lines of B_z, the rests on them as dots, and the table's places on them."""
+    """Lines of B_z, dots at the equilibria on them, and the table's places on them."""
     drawn, printed, found = [], [], []
     for label, ratio, depth, theirs in lines:
 
@@ -146,7 +146,7 @@ def drawn_along_x(solved, lines, table, window):
 
 
 def assert_message(figure, found):
-    """How far the rest moves from the first line to the last, and the largest distance of the table's from ours."""
+    """The distance between the first and the last equilibrium, and the largest distance of the table from ours."""
     moved = abs(found[-1][1] - found[0][1])
     off = max(abs(ours - theirs) for _, ours, theirs in found if theirs is not None)
     told = re.fullmatch(
@@ -156,7 +156,7 @@ def assert_message(figure, found):
 
 
 def test_figures_along_x():
-    """Ratios of Table 2-3, 1:1.22 being 900 to 1100 A; depths of Fig. 2-11, of which Table 2-4 has four."""
+    """Ratios of Table 2-3, where 1:1.22 is 900 to 1100 A; depths of Fig. 2-11, four of them in Table 2-4."""
     ratios = (
         ("1:1", 1.0, 0.1, 0.0),
         ("1:1.22", 11 / 9, 0.1, 39.5),

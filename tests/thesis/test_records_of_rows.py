@@ -1,4 +1,4 @@
-"""Records of the thesis's rows: none is changed after it was made, and which are compared by their values."""
+"""Records of the thesis's rows are frozen; those with arrays or figures compare by identity, the others by value."""
 
 import importlib
 import pkgutil
@@ -18,9 +18,9 @@ RECORDS = {
     for name, one in vars(module).items()
     if isinstance(one, type) and is_dataclass(one) and one.__module__ == module.__name__
 }
-# They hold arrays or figures.
+# These hold arrays or figures.
 BY_IDENTITY = {"Answers", "LiftLaw", "PartResult", "Readings", "Run", "Shift", "Walk"}
-# Few numbers, all of which are shown.
+# These have few numbers, and their repr shows all of them.
 IN_FULL = {"Control", "Exponential", "HorizontalForce"}
 
 

@@ -1,4 +1,4 @@
-"""The report of a few quick rows: its links, its numbers, and what becomes of rows that fail or are interrupted."""
+"""The report of a few quick rows: its links, its numbers, and rows that fail or are interrupted."""
 
 import csv
 import hashlib
@@ -133,7 +133,7 @@ def test_explanations_misprints_and_assumptions_are_on_the_page(folder):
 
 def test_finished_rows_are_taken_from_where_they_are_kept(folder, monkeypatch):
     monkeypatch.setattr(kept, "attempt_part", lambda part, maps: pytest.fail(f"{part} was computed again"))
-    # Nor need the figures be drawn again, of which the other tests look at the first ones.
+    # Figures are not drawn again, because other tests look at the first ones.
     monkeypatch.setattr("fieldmap.plot.figures.save_curves", lambda curves, path: drawn.append(path.name))
     drawn: list[str] = []
     before = (folder / "numbers.csv").read_text()
@@ -256,7 +256,7 @@ def test_the_fingerprint_covers_code_data_and_map(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("file", ["geometry/drive_unit.toml", "maps/scenarios/vertical_step.toml"])
 def test_the_fingerprint_covers_devices_and_scenarios(file, tmp_path, monkeypatch):
-    """A gain that is changed in a scenario must not bring back the numbers of the old one."""
+    """After a change of a gain in a scenario the old numbers must not be used."""
     for kind in ("geometry", "maps"):
         for path in shipped_folder(kind).rglob("*.toml"):
             copy = tmp_path / kind / path.relative_to(shipped_folder(kind))
@@ -286,7 +286,7 @@ def test_progress_knows_how_much_is_done():
 
 
 def test_what_is_far_from_the_thesis_is_explained_in_words():
-    """Quick rows only; the whole table is held to it by the report itself."""
+    """For quick rows only; the report checks the whole table."""
     for part in ("S5_current_ratio", "S5_depth", "S6", "S9_constants", "S9_superposition", "S16_root_locus"):
         result = computed(part)
         for number in result.comparisons:
@@ -309,7 +309,7 @@ def part(name="S7", numbers=(), **more):
 
 
 def test_what_a_row_says_of_its_parts():
-    """Three sharp numbers that count, of which two agree; the farthest is neither a misprint nor one that agrees."""
+    """Two of three sharp numbers agree, misprints apart; the largest deviation is of a number that does not agree."""
     numbers = [
         number("a", 1.0, 1.005, "sharp"), number("b", 2.0, 2.0, "sharp"), number("c", 1.0, 1.3, "sharp"),
         number("d", 1.0, 9.0, "sharp", "a slip"), number("e", 1.0, 0.2), number("f", 0.0, 5.0),
@@ -344,7 +344,7 @@ def test_state_of_a_row(parts, waiting, state):
 
 
 def test_command_of_a_row():
-    """After those of its maps, each once; the option is that of its parts."""
+    """The commands of its maps first, each once; then its own with the option of its parts."""
     parts = [
         part(map="division", option=" --quick"),
         part(map="a_map", option=" --quick"),
@@ -373,7 +373,7 @@ def test_assumptions_and_what_rests_on_them():
 
 
 def test_counts_of_the_page_and_the_table(tmp_path):
-    """Of all parts, in the order of the rows; the table has every field of a number."""
+    """Over all parts, in the order of the rows; the table has every field of a number."""
     first = number("a", 2.0, 3.0, "sharp", "", ("one", "two"), "S3")
     second = number("b", 1.0, 1.0, "sharp", row="S6")
     results = [
@@ -396,7 +396,7 @@ def test_counts_of_the_page_and_the_table(tmp_path):
 
 
 def test_texts_are_written_anew_at_most_every_two_seconds(tmp_path, monkeypatch):
-    """Before the first part, whenever more than 2 s went by since, and at the end."""
+    """Before the first part, at most every 2 s during the run, and at the end."""
     written, now = [], iter([100.0, 101.9, 102.1, 102.1, 104.0, 104.3, 104.3])
     monkeypatch.setattr(
         writing, "_write", lambda folder, drawn, waiting: written.append((len(drawn), tuple(waiting)))
@@ -437,7 +437,7 @@ def test_sharp_numbers_agree_to_half_a_unit(ours, agrees):
 
 
 def test_what_decides_a_part(tmp_path, monkeypatch):
-    """Code of all packages but those that draw and print; the detail; its map, and "" without it."""
+    """The code of all packages except drawing and printing, the detail, and the map; "" without the map."""
     asked = []
     monkeypatch.setattr(
         kept.provenance,
@@ -460,7 +460,7 @@ def test_what_decides_a_part(tmp_path, monkeypatch):
 
 
 def test_a_file_that_another_run_writes_is_waited_for(tmp_path, monkeypatch):
-    """60 s, to read as well as to write."""
+    """Reading and writing both wait for up to 60 s."""
     waits = []
 
     class Waiting(Checkpoint):

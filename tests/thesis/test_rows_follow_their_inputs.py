@@ -1,5 +1,5 @@
-"""Rows of S14 that follow the static curve: each number, figure and fact is that of its own n, height and h, by a
-stand-in whose shift tells with which arguments it was asked."""
+"""Rows of S14 that follow the static curve: each number, figure and fact depends on its own n, height and h. A
+stand-in whose shift contains all its arguments replaces the curve."""
 
 import re
 from types import SimpleNamespace
@@ -18,7 +18,7 @@ CURVE = equilibrium_shift.curve
 
 
 def told(field_map, signals, axis="x", n=1.25, z_s=10.0, h=15.0, rule="held"):
-    """1 m of shift at signal 1 for n = 1, with digits of z_s, h and the rule below."""
+    """A shift of 1 m per unit signal at n = 1, whose lower digits are z_s, h and the rule."""
     size = n + 1e-2 * z_s + 1e-4 * h + 1e-6 * (rule == "held") + 1e-7 * (axis == "y")
     signals = np.asarray(signals, float)
     return SimpleNamespace(along=size * signals, largest=10 * size * signals)
@@ -69,7 +69,7 @@ def test_table_6_3():
         for k, h in enumerate((15.0, 25.0)):
             lower = -0.088 + 1e3 * SIGNALS * (1.25 + 0.115 + 1e-4 * h + digit)
             np.testing.assert_allclose(numbers[f"lower_{rule}"][k], lower, rtol=1e-12)
-            # 10 mm less 11.5 mm, at the last signal.
+            # The positions at 10 mm less those at 11.5 mm, at the last signal.
             np.testing.assert_allclose(numbers[f"further_{rule}"][k], 1e3 * 0.4 * -0.015, rtol=1e-9)
 
 
@@ -112,7 +112,7 @@ def test_branches_of_one_axis_at_their_height(axis, digit):
         ]
         np.testing.assert_array_equal(numbers[f"{side}_back_held"], numbers[f"{side}_outward_held"])
     assert_drawn(figure, (f"{axis} control signal", f"{axis} (mm)"), expected)
-    # 1.5 mm outward; the way back 4.5 mm from there at most. The model goes to some 0.5 -+ 274 mm.
+    # The measured magnet moves 1.5 mm outward, and is at most 4.5 mm lower on the way back. The model moves 274 mm.
     off = np.abs(
         [1e3 * sign * 0.2 * (1.25 + 0.12 + 15e-4 + 1e-6 + digit) + 0.5 - 2.0 for sign in (1, -1)]
     ).max()
@@ -128,8 +128,8 @@ def test_branches_of_one_axis_at_their_height(axis, digit):
 
 
 def test_fits_of_a_straight_curve():
-    """Ours is a line of the stand-in's slope; the table is of the printed polynomial, which comes back; one step of
-    1 mm."""
+    """Our polynomial is a line with the stand-in's slope; the fit to the table returns the printed polynomial; the
+    signal for a step of 1 mm."""
     polynomial = np.array([90.0, -70.0, 30.0, 12.0, 0.3])
     signals = np.linspace(0.0, 0.4, 9)
     inputs = {"map": None}
@@ -154,7 +154,7 @@ def test_fits_of_a_straight_curve():
 
 
 def test_shift_rows_at_their_height(monkeypatch):
-    """Of the shift itself, whose answer tells in which field, at which height and for which model it was asked."""
+    """Of the shift itself: the stand-in's result contains field, height and magnet model."""
     asked = []
 
     def shift(fields, signals, h, z_s, rule="held", moment="fixed", lever=0.0, level=0.0):
@@ -171,7 +171,7 @@ def test_shift_rows_at_their_height(monkeypatch):
     rest = SimpleNamespace(points=[point, point], boundary_index=7)
 
     def stationary_points(field, currents, payload, height):
-        # (7-18) at 12 mm; the magnet 15 mm below the sensed point, 77 mm below the disk.
+        # (7-18) at 12 mm; the magnet is 15 mm below the sensed point, whose zero is 77 mm below the disk.
         assert (field, height) == (0.6, pytest.approx(-0.104))
         np.testing.assert_allclose(currents, np.full(6, 1.215 + 0.0343 * 12))
         return rest
@@ -196,7 +196,7 @@ def test_shift_rows_at_their_height(monkeypatch):
     lines = [(name, "ours", SIGNALS, x) for name, x in zip(names, places, strict=True)]
     assert_drawn(answers.curves[0], X_OVER_SIGNAL, [("measured", "measured", SIGNALS, 9 * SIGNALS), *lines])
     facts = dict(answers.facts)
-    # Of the symmetric part: 3 -+ 1, and -5.
+    # Eigenvalues of the symmetric part: 3 -+ 1 and -5.
     assert facts.pop("eigenvalues") == pytest.approx([-5.0, 2.0, 4.0])
     assert facts.pop("current_A") == pytest.approx(1.215 + 0.0343 * 12.0, rel=1e-12)
     assert facts == {
@@ -209,14 +209,14 @@ def test_shift_rows_at_their_height(monkeypatch):
     size = 0.1 + 0.12 + 15e-4 + 5 + 3
     assert answers.numbers["x"] == pytest.approx(-0.4 + 1e3 * size * SIGNALS, rel=1e-12)
     assert asked[-1] == ("fixed", 0.0, "constant")
-    # Beside the curve at the measured current, 1.558 A, at 10 mm.
+    # Relative to the curve at the measured current, 1.558 A, at 10 mm.
     assert answers.facts.pop("ratio") == pytest.approx((1.25 + 0.1 + 15e-4) / np.full(3, size))
     facts = {"share": 0.1 + 12 + 150 + 300, "measured_level_A": 1.558, "drawn_h_mm": 15.0}
     assert answers.facts == pytest.approx(facts)
 
 
 def test_where_a_curve_is_taken_from(monkeypatch):
-    """Of the map where its own n is asked for, and of solved states; at 10 mm, h = 15 mm, the lift held."""
+    """The map is used for its own n only, otherwise solved states; by default at 10 mm, h = 15 mm, with held lift."""
     asked = []
     monkeypatch.setattr(equilibrium_shift, "_curve", lambda *given: asked.append(given))
     monkeypatch.setattr(equilibrium_shift, "unit_rays", lambda: "rays")
@@ -230,8 +230,8 @@ def test_where_a_curve_is_taken_from(monkeypatch):
 
 
 def test_fields_in_their_order_of_preference(monkeypatch):
-    """The first field is left where currents are outside it, at 0.2, and beyond a signal of 0.34. The stand-in lifts
-    2 N at the origin, moves 3 m per signal along y and less than half as far along x, and raises its level."""
+    """The first field is left for a signal of 0.2, outside its currents, and beyond 0.34. The stand-in lifts 2 N at the
+    origin, moves 3 m per unit signal along y and 1 m along x, and raises the level at each step."""
     asked = []
 
     def equilibrium_at(field, payload, path, place, level, held, scale, moment, lever):
@@ -254,7 +254,7 @@ def test_fields_in_their_order_of_preference(monkeypatch):
     found = equilibrium_shift.shift(("map", "states"), [0.1, 0.2, 0.3, 0.34, 0.36])
     fields = ["map", "map", "map", "states", "map", "map", "states"]
     assert [one[:2] for one in asked] == list(zip(fields, (0.0, 0.1, 0.2, 0.2, 0.3, 0.34, 0.36), strict=True))
-    # Held but for the origin, whose lift is made the weight; upright, of one kind; 15 mm below the point read at 10 mm.
+    # The lift is held except at the origin, where it is scaled to the weight; the same model and height throughout.
     weight = 0.02 * 9.80665 / 2.0
     assert [one[2:4] for one in asked] == [(False, 1.0)] + [(True, pytest.approx(weight))] * 6
     assert {one[4:6] for one in asked} == {("fixed", 0.0)}
@@ -263,7 +263,7 @@ def test_fields_in_their_order_of_preference(monkeypatch):
     assert asked[4][7] == pytest.approx((0.4, 0.6))
     np.testing.assert_allclose(found.along, 3 * np.array([0.1, 0.2, 0.3, 0.34, 0.36]))
     np.testing.assert_allclose(found.origin, [0.2, 0.0])
-    # From 1.558 A; each level begins at the one before, and the largest is that of coil 3 or 4.
+    # From 1.558 A; each search starts at the previous level, and the largest current is of coil 3 or 4.
     levels = 1.558 + 0.1 * np.arange(2, 7)
     np.testing.assert_allclose(found.levels, levels)
     np.testing.assert_allclose(found.largest, levels * (1 + np.array([0.1, 0.2, 0.3, 0.34, 0.36])))
@@ -300,7 +300,7 @@ def test_sensitivity_is_asked_for_at_the_origin(monkeypatch):
 
 
 def test_calibrations_name_what_is_fitted_to_what(monkeypatch):
-    """Lifts of 0.5, 0.6, .. at each depth; along x 2 mm at each signal, along y 3 mm; other factors in each fit."""
+    """Lifts 0.5, 0.6, 0.7 at the depths; 2 mm along x and 3 mm along y at each signal; other factors in each fit."""
     fitted, every = [], []
     shares = np.array([0.5, 0.6, 0.7])
 
@@ -319,7 +319,7 @@ def test_calibrations_name_what_is_fitted_to_what(monkeypatch):
         if given is not None:
             every.append((given["field_scale"], fit))
             check_places(positions, "xy")
-            # Two of signal 0, whatever they are.
+            # The two points of signal 0 are not used.
             before = [*shares, 99.0, 99.0, 2e-3, 2e-3, 3e-3, 3e-3]
             return SimpleNamespace(table=[SimpleNamespace(before=one) for one in before])
         assert limits == {"magnet_offset": (5e-3, 30e-3)}
@@ -332,7 +332,7 @@ def test_calibrations_name_what_is_fitted_to_what(monkeypatch):
         )  # fmt: skip
 
     def check_places(positions, axes):
-        """Signals 0.1 and 0.2 of each axis, (6-3) with n = 1.25: ways of 1 and 3 mm along x, -2 and -4 along y."""
+        """Signals 0.1 and 0.2 of each axis, (6-3) with n = 1.25: shifts of 1 and 3 mm along x, -2 and -4 mm along y."""
         rows, currents = [[0.0, 0.0]], [np.full(6, 1.558)]
         for axis in axes:
             for signal, way in ((0.1, {"x": 1e-3, "y": -2e-3}[axis]), (0.2, {"x": 3e-3, "y": -4e-3}[axis])):
@@ -396,8 +396,8 @@ def test_calibrations_name_what_is_fitted_to_what(monkeypatch):
 
 
 def test_noise_of_the_mean_deviation(monkeypatch):
-    """A magnet that moves 3 mm/A along x and 4 along y, half as far with its lift held: variances of a deviation of
-    0.02 A; what is seen is the root mean square of both axes."""
+    """A magnet that moves 3 mm/A along x and 4 mm/A along y, half as far with its lift held: standard deviations at
+    0.02 A, and the current deviation that explains the RMS of both axes seen on the rig."""
 
     def noise(deviation, lift_held):
         return (deviation * (0.5 if lift_held else 1.0)) ** 2 * np.diag([3e-3, 4e-3]) ** 2

@@ -1,7 +1,7 @@
-"""What rows of the thesis do with the numbers below them, each judged by another way.
+"""What rows of the thesis compute from the numbers below them, each compared with another way.
 
-A machine stands for the unit whose statics are known in closed form: six vertical dipoles on a ring, whose moments
-saturate with their currents, mu(i) = MU i / (1 + i / KNEE).
+A stand-in for the unit has statics in closed form: six vertical dipoles on a ring, whose moments saturate with their
+currents, mu(i) = MU i / (1 + i / KNEE).
 """
 
 from types import SimpleNamespace
@@ -33,7 +33,7 @@ RING = np.array(
 
 
 def slope(point, currents):
-    """dBz/dx_i (3,) of the machine: the derivative of B_z = 1e-7 mu (3 z^2 / d^5 - 1 / d^3), by complex steps."""
+    """dBz/dx_i (3,) of the ring: the derivative of B_z = 1e-7 mu (3 z^2 / d^5 - 1 / d^3) by complex steps."""
     moments = MU * currents / (1.0 + currents / KNEE)
     found = []
     for step in 1e-30j * np.eye(3):
@@ -44,7 +44,7 @@ def slope(point, currents):
 
 
 class SaturatingRing(Field):
-    """Of this field only dB_z/dx_i is asked for; the rest of the gradient is left out."""
+    """A field with dB_z/dx_i only; the rows do not use the rest of the gradient."""
 
     coil_names, proportional = tuple("123456"), False
     bounds = (np.array([-0.025, -0.025, -0.13]), np.array([0.025, 0.025, -0.07]))
@@ -76,7 +76,7 @@ class SaturatingRing(Field):
 
 @pytest.fixture
 def ring(monkeypatch):
-    """The machine in the unit's place; what rows keep is forgotten before and after."""
+    """The ring in place of the unit; caches of the rows are cleared before and after."""
     field = SaturatingRing()
     carried = Payload(MASS, MOMENT)
     for module in (equilibrium_shift, statics):
@@ -89,7 +89,7 @@ def ring(monkeypatch):
 
 
 def rest_along_x(level, signal, n, z_s, h):
-    """mm, of the magnet on the x axis where nothing pushes it along x; the ring is symmetric about that axis."""
+    """x of the equilibrium, mm, where no force acts along x; the ring is symmetric about the x axis."""
     currents = divide_currents(level, signal, 0.0, n)
     height = magnet_height(z_s, 1e-3 * h)
     return 1e3 * brentq(lambda x: slope(np.array([x, 0.0, height]), currents)[0], 0.0, 0.024, xtol=1e-12)
@@ -125,13 +125,13 @@ def test_own_current_is_the_level_that_is_asked_for(ring):
 
 
 def test_relative_slope_of_the_lift_current(monkeypatch):
-    """1.7 % per mm of an exponential law."""
+    """An exponential law with 1.7 % per mm."""
     monkeypatch.setattr(statics, "lift_current", lambda z_s, h: 1.5 * np.exp(0.017 * z_s))
     assert statics._relative_slope(10.0, 15.0) == pytest.approx(1.7, rel=1e-4)
 
 
 def test_lift_current_of_the_ring(ring):
-    """Where the lift of six equal coils is the weight: I / (1 + I / KNEE) = weight / lift of one ampere, by hand."""
+    """The lift of six equal coils equals the weight at I / (1 + I / KNEE) = weight / (lift of 1 A), by hand."""
     point = np.array([0.0, 0.0, magnet_height(8.0, 0.015)])
     unsaturated = MOMENT * slope(point, np.full(6, 1e-9))[2] / 1e-9
     share = MASS * 9.80665 / unsaturated
@@ -143,8 +143,8 @@ def test_lift_current_of_the_ring(ring):
 
 @pytest.fixture
 def shares(monkeypatch):
-    """A lift over weight of current exp(-z_s / 20 mm) (1 + h / 100 mm), and a third of it where iron is linear; NaN of
-    no field beyond 5.2 A. The map's box ends 130 mm below the disk."""
+    """A lift over weight of current exp(-z_s / 20 mm) (1 + h / 100 mm), a third of it with linear iron, and an error
+    beyond 5.2 A. The map's box ends 130 mm below the disk."""
     carried = SimpleNamespace(mass=0.01, moment=0.5)
 
     def lift_share(field, z_s, h, current):
@@ -173,7 +173,7 @@ def shares(monkeypatch):
     ],
 )
 def test_deepest_place_that_the_limit_carries(shares, limit, scaled, deepest):
-    """Scaled: so that 1.558 A carry at 10 mm. To the end of the map's box at most."""
+    """Scaled so that 1.558 A carry the weight at 10 mm, or unscaled; at most to the end of the map's box."""
     assert statics._deepest(15.0, limit, scaled) == pytest.approx(deepest, abs=1e-3)
 
 
@@ -186,7 +186,7 @@ def test_row_s12_and_its_figures(shares, monkeypatch):
     monkeypatch.setattr(statics, "shipped_unit", lambda: None)
     monkeypatch.setattr(statics, "about_the_joints", lambda: {"joints": 1})
     answers = statics.levitation_current(inputs)
-    # At 40 mm more than 5.2 A were needed.
+    # At 40 mm more than 5.2 A would be needed.
     needed = np.where(zs < 40, np.exp(zs / 20) / 1.15, np.nan)
     lifts = np.array([law * np.exp(-zs / 20) * (1 + h / 100) for h in hs])
     expected = {
@@ -202,7 +202,7 @@ def test_row_s12_and_its_figures(shares, monkeypatch):
         "refinement": 0.5, "least_share": lifts.min(), "largest_share": lifts.max(), "deepest_mm": 40.0, "joints": 1,
         "spread": np.ptp(lifts[0]) / lifts[0].mean(),
     }  # fmt: skip
-    # The same of each h, to rounding.
+    # The spread is equal for every h, up to rounding.
     best = {"best_h_mm": answers.facts["best_h_mm"]}
     facts |= best | {"factor": 1 / (law * np.exp(-zs / 20)).mean() / (1 + best["best_h_mm"] / 100)}
     assert answers.facts == pytest.approx(facts)
@@ -218,7 +218,7 @@ def test_row_s12_and_its_figures(shares, monkeypatch):
 
 
 def test_best_offset_is_that_of_the_least_spread(shares, monkeypatch):
-    """Lifts that change less with the depth the larger h is."""
+    """The larger h, the less the lift changes with depth."""
     monkeypatch.setattr(statics, "lift_share", lambda field, z, h, current: 0.5 + z / h**2)
     monkeypatch.setattr(statics, "lift_law", lambda *_: SimpleNamespace(shares=0, relative_slope=0))
     for name in ("shipped_unit", "about_the_joints"):
@@ -236,8 +236,8 @@ def test_best_offset_is_that_of_the_least_spread(shares, monkeypatch):
 
 
 def test_row_s11_and_its_figures(shares, monkeypatch):
-    """Inductances (c, c) of 1 + k mH beside 20 mH between coils; dBz/dz of k + x T/m per ampere of coil k; B_z of
-    0.5 + z T, and of iron that saturates 1 / current of it."""
+    """Self-inductances of coil k of k mH, mutual ones of 20 mH; dBz/dz of k + x T/m per ampere of coil k; B_z of
+    0.5 + 3 z T per ampere, and with saturation 0.5 + 6 z T."""
 
     class Unit:
         coil_names, coils = tuple("123456"), ("coils",)
@@ -278,7 +278,7 @@ def test_row_s11_and_its_figures(shares, monkeypatch):
         statics, "bare_inductance", lambda coils: np.diag(np.arange(11.0, 17.0)) if coils else None
     )
     monkeypatch.setattr(statics, "_on_its_core", lambda: np.arange(21.0, 27.0))
-    # Of 1 A in all coils 0.8 and 0.5; of coil 5 alone 0.4 and 0.1.
+    # Lift at 1 A in all coils: 0.8 and 0.5; at 1 A in coil 5 alone: 0.4 and 0.1.
     known = {("states", 6): 0.8, ("drive_unit", 6): 0.5, ("states", 1): 0.4, ("drive_unit", 1): 0.1}
 
     def lift_share(field, z_s, h, amperes):
@@ -311,14 +311,14 @@ def test_row_s11_and_its_figures(shares, monkeypatch):
              "disk, six cores and upper plate")  # fmt: skip
     lines = []
     for k, name in enumerate(words, 1):
-        # The gap of A-3 ends 2 mm above 120 mm.
+        # The gap of A-3 ends 2 mm above a depth of 120 mm.
         inside = z[z > -0.118] if k == 3 else z
         lines.append((name, "ours", -1e3 * inside, 0.5 / (0.01 * 9.80665) * 9 * k * inside))
     assert_drawn(lift, ("depth below the disk (mm)", "lift over weight (1/A)"), lines)
 
 
 def test_each_core_is_taken_with_its_own_winding(monkeypatch):
-    """Inductance of the stand-in: 1 H for the only core and the only coil, whose number it adds."""
+    """The stand-in accepts one core with one coil, and returns the coil's number plus a half."""
 
     def solve(device, mu_r=None, refinement=1.0):
         (core,), (coil,) = device.bodies, device.coils
@@ -330,8 +330,8 @@ def test_each_core_is_taken_with_its_own_winding(monkeypatch):
 
 
 def test_ranges_are_of_both_sides_and_end_at_the_limits(monkeypatch):
-    """A unit that moves 20 mm per unit signal along x, 30 towards negative x, 10 along y, less by its depth and h, and
-    whose largest current is 1.5 A + 5 A per unit signal."""
+    """A unit that moves 20 mm per unit signal along x, 30 along -x, 10 along y, less with depth and h, and whose
+    largest current is 1.5 A + 5 A per unit signal."""
     sides = {("x", 1.0): 0.02, ("x", -1.0): 0.03, ("y", 1.0): 0.01}
     unstable = set()
 
@@ -352,7 +352,7 @@ def test_ranges_are_of_both_sides_and_end_at_the_limits(monkeypatch):
     ends = {"x": 0.45, "y": 0.3}
 
     def joint_range(axis, z_s, limit, largest):
-        """As far, with joints: 4 mm by ampere of the limit, less a tenth of the depth."""
+        """The range with joints: 4 mm per ampere of the limit, less a tenth of the depth."""
         assert largest == ends[axis]
         return 4.0 * limit - 0.1 * z_s
 
@@ -396,7 +396,7 @@ def test_ranges_are_of_both_sides_and_end_at_the_limits(monkeypatch):
 
 
 def test_a_side_is_followed_as_far_as_the_box_goes(shares, monkeypatch):
-    """Signals from 0.05 to 0.55, the last ones left out one by one; all on the map."""
+    """Signals from 0.05 to 0.55 on the map; the last one is dropped until all are inside."""
     tried = []
 
     def shift(fields, signals, axis, z_s, h, far):
@@ -413,7 +413,7 @@ def test_a_side_is_followed_as_far_as_the_box_goes(shares, monkeypatch):
 
 
 def test_how_far_the_map_is_off_at_half_the_signal(shares, monkeypatch):
-    """u = 2.2 A, y = 0.5, n = 1.25, z_s = 11.5 mm, h = 15 mm: between 5 mm to either side and the map's end along y."""
+    """u = 2.2 A, y = 0.5, n = 1.25, z_s = 11.5 mm, h = 15 mm; within 5 mm along x and to the map's end along y."""
     places = {True: np.array([1e-3, 9e-3]), False: np.array([4e-3, 5e-3])}
 
     def stationary_points(field, currents, payload, height, window, samples):
@@ -428,7 +428,7 @@ def test_how_far_the_map_is_off_at_half_the_signal(shares, monkeypatch):
 
 
 def test_time_to_reference_of_a_ramp():
-    """From a step at 1 s a position goes from 10 to 11 mm in 0.37 s and on."""
+    """After a step at 1 s the position moves from 10 to 11 mm in 0.37 s, and further."""
     time = np.arange(0.0, 3.0, 1e-3)
     wanted = np.where(time < 1.0, 10.0, 11.0)
     for way in (1.0, -1.0):
@@ -438,14 +438,14 @@ def test_time_to_reference_of_a_ramp():
 
 
 def test_rest_voltage_of_the_regulator_is_that_of_its_model():
-    """b / (s^2 + c s - k) rests at a voltage of -k / b per unit of position."""
+    """b / (s^2 + c s - k) is at rest at -k / b volts per unit of position."""
     model = control.controller_form([-250.0], [1.0, 45.0, -500.0])
     _, regulator = vertical.design_of(model, np.diag([1.0, 1.0, 1.0]), 1e-3, (1e-4, 1e-4), 2e-3)
     assert regulator.equilibrium == pytest.approx((0.0, 2.0), rel=1e-9)
 
 
 def test_gains_of_the_regulator_follow_the_ratios_of_its_weights():
-    """Twice the cost is the same optimum; dearer control and a worse sensor have smaller gains."""
+    """Scaling all weights leaves the optimum; a larger control weight or sensor noise makes the gains smaller."""
     model = control.controller_form([-250.0], [1.0, 45.0, -500.0])
 
     def gains(cost, R, noise):
@@ -462,14 +462,14 @@ def test_gains_of_the_regulator_follow_the_ratios_of_its_weights():
 
 
 def test_mean_and_standard_deviation_over_records():
-    """n - 1: the mean was found from the same records. Squares 9 + 1 + 1 + 9 over 3."""
+    """Divided by n - 1, because the mean comes from the same records: (9 + 1 + 1 + 9) / 3."""
     answers = vertical.over_records({"poles": np.array([[1.0, 10.0], [3.0, 10.0], [5.0, 10.0], [7.0, 10.0]])})
     assert answers.numbers["poles"] == pytest.approx([4.0, 10.0])
     assert answers.facts["poles_spread"] == pytest.approx([np.sqrt(20.0 / 3.0), 0.0])
 
 
 def test_errors_of_added_formulas():
-    """Errors 3, 4, 0 of forces 5, 12, 0; the first two lie in the middle."""
+    """Errors 3, 4, 0 of forces 5, 12, 0; the first two places are in the middle."""
     found = added_error(
         (1.0, 0.0), np.array([8.0, 8.0, 0.0]), np.array([5.0, 12.0, 0.0]), np.array([True, True, False])
     )
@@ -483,7 +483,7 @@ def test_errors_of_added_formulas():
 
 
 def test_largest_and_root_mean_square_error_of_a_fit():
-    """Of values at four places in a row a parabola leaves their part along (-1, 3, -3, 1), whose square is 20."""
+    """A parabola leaves the part along (-1, 3, -3, 1), of squared norm 20, of values at four equidistant places."""
     found = fit_quadratic_force([0.0, 1.0, 2.0, 3.0], [0.0, 0.0, 0.0, 20.0])
     assert found.largest == pytest.approx(3.0)
     assert found.rms == pytest.approx(np.sqrt(5.0))
@@ -499,13 +499,13 @@ def test_departure_is_the_largest_and_rms_the_root_mean_square():
 
 
 def test_integral_time_of_a_model_is_found_in_its_own_step():
-    """The step of a first-order loop with an integral time of 0.2 s, 3 mm away from where x begins."""
+    """The step of a first-order loop with an integral time of 0.2 s, from a start at x = 3 mm."""
     plant, wanted = control.transfer_function([0.02], [1.0, -0.99]), np.full(3000, 3.0)
     time = 2e-3 * np.arange(3000)
     wanted[time >= 2.0] += 0.1
     under = horizontal.Control(0.5, 9.0, 0.001)
     seen = 3.0 + control.simulate_loop(plant, under.pid(2e-3, 0.2), wanted[time >= 2.0] - 3.0).y[0]
     seen = np.append(np.full(np.sum(time < 2.0), 3.0), seen)
-    # The reference counts from where the run begins.
+    # The reference is relative to the start of the run.
     run = Readings(None, time, seen[:, None], seen[:, None] - 3.0, wanted[:, None])
     assert horizontal._fitted_time({"Ts_s": 2e-3}, plant, under, run) == pytest.approx(0.2, rel=1e-3)

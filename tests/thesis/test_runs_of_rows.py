@@ -1,5 +1,5 @@
-"""Rows of the coupled machine: which scenarios they run with which changes, and what they make of the runs. The runs
-are made up, each of its own random numbers; what is expected is written out, by chapters 5 to 7."""
+"""Rows of the coupled machine: the scenarios and changes that they run, and the numbers from these runs. The runs are
+made up, each with its own random numbers; expected values are written out, by chapters 5 to 7."""
 
 import re
 from copy import deepcopy
@@ -27,20 +27,20 @@ STILL, TO_Y = {"kind": "constant"}, {"reference.0.axis": "y", "reference.1.axis"
 
 
 class Made:
-    """What `simulate` answers: a scenario that is read, and random readings, mm, outputs and metrics."""
+    """The result of `simulate`: the scenario read with its changes, and random readings, mm, outputs and metrics."""
 
     def __init__(self, k, scenario, changes):
         random = np.random.default_rng(k)
         self.name, self.changes, self.scenario = scenario, deepcopy(changes), read_scenario(scenario, changes)
         self.time, self.outputs = TIME, random.normal(size=(len(TIME), 3))
-        # Every third is quiet; one that is led by a signal in open loop answers it by 10 mm along x, 20 along y.
+        # Every third run is quiet. A signal in open loop moves x by 10 mm and y by 20 mm per unit.
         readings = (0.1 if k % 3 == 2 else 1.0) * random.normal(size=(3, len(TIME), 3))
         if "signal.0.by" in changes:
             axis = "xy".index(changes["signal.0.output"])
             readings[1, :, axis] = (10 + 10 * axis) * changes["signal.0.by"] * (TIME > 0.99)
         if scenario == "horizontal_open_loop_plate":
             readings[0, :, X] = 3.0 + 2.0 * np.exp(-TIME / 7.0)
-        # The height is held for 10 s at least.
+        # The height error is zero for the first 50 samples, at least 10 s.
         readings[0, :50, DEPTH] = readings[2, :50, DEPTH]
         self.mm = dict(zip(("true", "seen", "wanted"), readings, strict=True))
         metres = [
@@ -73,7 +73,7 @@ class Made:
         return np.abs(self.mm["true"] - self.mm["wanted"])[:, axes].max()
 
     def reaches(self, axis, at):
-        """s from `at`: the first place at or beyond the last reference, seen from the first one."""
+        """Time from `at`, s, to the first place at or beyond the last reference, in the direction of the step."""
         final, first = self.mm["wanted"][-1, axis], self.mm["wanted"][0, axis]
         beyond = (self.mm["true"][:, axis] - final) * (1 if final > first else -1) >= 0
         return TIME[(at - 1e-9 <= TIME) & beyond][0] - at
@@ -94,7 +94,7 @@ def over_time(axis, runs, begin=0.0, end=np.inf, models=(), asked=True):
 
 
 def vertical(r, i):
-    """Table 7-1: gain 0.334 V/mm less a fifth, 0.5 N s/m of (7-7)."""
+    """Table 7-1: gain 0.334 V/mm, also less a fifth; 0.5 N s/m of (7-7)."""
     drag, air = [i["identified_drag_N_s_per_m"]] * 3, [0.005, 0.005, i["between_drag_N_s_per_m"]]
     weaker = {"control.z.Kc": pytest.approx(0.2672)}
     yield [
@@ -124,7 +124,7 @@ def vertical(r, i):
 
 
 def sideways(r, i):
-    """Table 7-2: twice its gain of 0.025 per mm."""
+    """Table 7-2: also twice its gain of 0.025 per mm."""
     yield [("horizontal_pid", one) for one in ({}, {"reference.0.axis": "y"}, {"control.x.Kc": 0.05})]
     columns = [r[0].column(X), r[1].column(Y)]
     yield {
@@ -140,7 +140,7 @@ def sideways(r, i):
 
 
 def combined(r, i):
-    """7.1.1, 7.1.3: steps of 0.1 mm, ten of 0.01 mm; gain 1, Ti = 0.005 and Td = 1e-6, taken as minutes (6.6)."""
+    """7.1.1, 7.1.3: steps of 0.1 mm, ten of 0.01 mm; gain 1, Ti = 0.005 and Td = 1e-6 in minutes (6.6)."""
     step = {"reference.1.by_mm": 0.1}
     gains = {"Kc": 1.0, "Ti_s": pytest.approx(60 * 0.005), "Td_s": pytest.approx(60 * 1e-6)}
     both = {f"control.{axis}.{key}": value for axis in "xy" for key, value in gains.items()}
@@ -178,7 +178,7 @@ def combined(r, i):
 
 
 def spikes(r, i):
-    """7.1.2: steps of x at gain 1; the rig's height came to 10.3 and 10.27 mm."""
+    """7.1.2: steps of x at gain 1; the rig's height went to 10.3 and 10.27 mm."""
     push = {"control.compensator.push_mm": 0.2, "control.compensator.duration_ms": 30}
     gains = [{"control.x.Kc": 0.1}, {"control.x.Kc": 0.05}]
     yield [("spikes", one) for one in ({}, push, *gains, {"field.iron": "linearised"})]
@@ -204,7 +204,7 @@ def spikes(r, i):
 
 
 def sway(r, i):
-    """6.1: at 10 mm the block is 9 mm below the magnet of a body of 25 mm, as in the other scenarios."""
+    """6.1: at 10 mm the block is 9 mm below the magnet of a 25 mm body, as in the other scenarios."""
     plate = {"conductivity_S_per_m": 3.5e7, "thickness_mm": 50.0, "normal": [0.0, 0.0, 1.0]}
     yield [
         ("horizontal_open_loop", {}), ("horizontal_open_loop_plate", {}),
@@ -241,7 +241,7 @@ def proportional(r, i):
         way | {"control.x.Ti_s": pytest.approx(0.3)}, along_y | way | {"control.y.Ti_s": pytest.approx(0.3)},
     )  # fmt: skip
     yield [("horizontal_pd", one) for one in changes]
-    # 0.9 mm is held from 14 to 15.5 s, 1.0 to 17 s, 0.9 to 18.5 s; 0.1 mm from 2 to 3.5 s, and from 29 to 30.5 s.
+    # 0.9 mm is held from 14 to 15.5 s, 1.0 mm to 17 s, 0.9 mm to 18.5 s; 0.1 mm from 2 to 3.5 s and from 29 to 30.5 s.
     x = [r[0].during("seen", X, end - 0.7, end - 0.01).mean() for end in (15.5, 17.0, 18.5)]
     y = [r[1].during("seen", Y, end - 0.7, end - 0.01).mean() for end in (3.5, 30.5)]
     yield {"x_at_0.9_1.0_0.9": (x, [0]), "y_at_0.1_and_back": (y, [1])}
@@ -253,7 +253,7 @@ def proportional(r, i):
         "Figs 6-17, 6-18: x under PID control": over_time(X, {"x": r[3]}, 1.0),
         "Fig. 6-19: y under PID control": over_time(Y, {"y": r[4]}, 1.0),
     }
-    # In the middle of what the means are taken of.
+    # In the middle of the averaged intervals.
     late = (15.15, 16.65, 18.15)
     measured = (
         (12, late, "x_means_mm"),
@@ -268,7 +268,7 @@ def proportional(r, i):
 
 
 def ranges(r, i):
-    """7.2.3: the block 9 mm below the magnet of h = 15 mm, which is 92 mm and the depth below the disk: 7 mm."""
+    """7.2.3: the block is 7 mm below a magnet of h = 15 mm, which is 92 mm plus the depth below the disk."""
     runs = []
     for depth in (9.0, 14.0):
         start = {"start.depth_mm": depth, "plate.face_mm": [0.0, 0.0, -(77 + 15 + depth + 7)]}
@@ -279,7 +279,7 @@ def ranges(r, i):
     yield runs
 
     def farthest(run, axis, sign):
-        """Before the height is first off by 1 mm or more."""
+        """The farthest place before the height is first off by 1 mm or more."""
         off = np.abs(run.mm["true"] - run.mm["wanted"])[:, DEPTH] >= 1.0
         end = np.flatnonzero(off)[0] if off.any() else None
         return sign * (sign * run.mm["true"][:end, axis]).max()
@@ -306,7 +306,7 @@ def ranges(r, i):
 
 
 def regulator(r, i):
-    """Table 7-3, 7.4.1; PID of 7.2.1, its times taken as minutes."""
+    """Table 7-3, 7.4.1; the PID of 7.2.1 with its times in minutes."""
     pid = {
         "kind": "pid",
         "Kc": 0.334,
@@ -328,7 +328,7 @@ def regulator(r, i):
         "rms_at_rest": ([r[1].rms(DEPTH, 1.0), r[2].rms(DEPTH, 2.0)], [1, 2]),
         "rms_sideways": ([r[4].rms(DEPTH, 1.0), r[5].rms(DEPTH, 1.0)], [4, 5]),
     }
-    # The step is of 0.1 mm: an overshoot of 100 % is as much beyond. 1 s after the run begins.
+    # An overshoot of 80 % of the step of 0.1 mm; the peak is 0.07 s after the step, 1 s after the start.
     loop, states, model = states_of_the_regulator(r[2], r[3])
     labels, lines = over_time(
         DEPTH, {"coupled machine": r[2], "without noise": r[3]}, 0.9, 2.0, [("design model", loop)]
@@ -352,8 +352,8 @@ def regulator(r, i):
 
 
 def states_of_the_regulator(run, quiet):
-    """Position of the design loop, (7-7) with (7-12) and 7.4, and the estimates x[n|n] of the machine and of the loop:
-    (7-15), of what the output and the measured depth are beyond the equilibrium of (7-19), or that of (7-7)."""
+    """Position in the design loop, (7-7) with (7-12) and 7.4, and estimates x[n|n] of machine and loop by (7-15), from
+    output and measured depth relative to the equilibrium of (7-19), or of (7-7)."""
     A, B, C = np.array([[-44.94, 248.3], [1.0, 0.0]]), np.array([[1.0], [0.0]]), np.array([[-15.63, -50.97]])
     wide = control.with_output_integral(A, B, C)
     Q = np.array([[5000.0, 796.64, 0.0], [796.64, 5000.0, 0.0], [0.0, 0.0, 10000.0]])
@@ -366,7 +366,7 @@ def states_of_the_regulator(run, quiet):
     loop = control.simulate_loop(plant, designed, wanted - wanted[0])
 
     def filtered(u, y):
-        """M = x[n|n] gain of the measurement: D_est, and C_est below its first row, as `kalmd` returns them."""
+        """x[n|n] from D_est, and from C_est below its first row, as `kalmd` returns them."""
         x, found = np.zeros(2), []
         for one, seen in zip(u, y, strict=True):
             found.append(estimator.C_est[1:] @ x + estimator.D_est[1:, 1] * seen)
@@ -383,7 +383,7 @@ def states_of_the_regulator(run, quiet):
 
 
 def heights(r, i):
-    """Table 7-4: the depth is the block's less the gap; to be held is to stay within 1 mm."""
+    """Table 7-4: the depth is the block's less the gap; "held" means within 1 mm."""
     gaps = [("regulator", {"start.depth_mm": 14.5 - gap, "reference.0.by_mm": 0.0}) for gap in (0.5, 2.0)]
     further = [("regulator", {"start.depth_mm": 14.5 - gap, "duration_s": 6.0}) for gap in (5.0, 6.5)]
     yield gaps + further + [(name, changes | {DRAG: [0.7] * 3}) for name, changes in further]
@@ -402,7 +402,7 @@ def heights(r, i):
 
 
 def circles(r, i):
-    """7.3: each circle for 8 s and so many turns of 2 pi / rate; at rest from 2 s on."""
+    """7.3: each circle for 8 s plus its turns of 2 pi / rate; at rest from 2 s on."""
     names = ("0.5 mm, 0.25 rad/s", "2 mm, 0.5 rad/s", "3 mm, 1 rad/s")
     yield [("circle", {"reference": [], "duration_s": 12.0})] + [
         ("circle", {"reference.0.radius_mm": radius, "reference.0.rate_rad_per_s": rate, "duration_s": lasts})
@@ -425,7 +425,7 @@ def circles(r, i):
     yield figures | {"Figs 7-26, 7-28, 7-30: the height meanwhile": over_time(DEPTH, runs, 9.0)}
 
     def turning(run, rate):
-        """Growth and lag: of the parts of both that turn, found beside one that turns back and a place at rest."""
+        """Growth and lag of the rotating parts, fitted together with a counter-rotating part and a constant."""
         t = TIME[TIME >= 9.0 - 1e-9]
         basis = np.array(
             [np.cos(rate * t) + 1j * np.sin(rate * t), np.cos(rate * t) - 1j * np.sin(rate * t), t**0]
@@ -441,7 +441,7 @@ def circles(r, i):
 
 
 def loop_answer(plant, Kc, Ti, Td, Ts, wanted, sign):
-    """A sampled plant (zeros or polynomials) under the trapezoidal PID of (5-10), from where the reference begins."""
+    """A sampled plant under the trapezoidal PID of (5-10), from the first reference on."""
     half, rate = Ts / (2 * Ti), Td / Ts
     pid = sign * Kc * np.array([1 + half + rate, half - 1 - 2 * rate, rate])
     top, bottom = np.convolve(plant[0], pid), np.convolve(plant[1], [1.0, -1.0, 0.0])
@@ -466,7 +466,7 @@ PLANTS = {
 
 
 def vertical_steps(r, i):
-    """Chapter 5: steps from 8 to 9 mm at each gain, again at less; binary signals, steps at 10 mm, ramps."""
+    """Chapter 5: steps from 8 to 9 mm at each gain, and at 0.7 of it; binary signals, steps at 10 mm, ramps."""
 
     def control_of(Kc, Ti, Td):
         keys = {"Kc": Kc, "Ti_s": 60 * Ti, "Td_s": 60 * Td}
@@ -483,7 +483,7 @@ def vertical_steps(r, i):
         *(("vertical_ramp", control_of(*gains)) for gains in (first, second)),
         *(step((0.7 * Kc, 0.007, 0.001), 8.0, 1.0) for Kc in GAINS),
     ]  # fmt: skip
-    # Of the stand-in: a pair, and the middle of two real poles.
+    # From the stand-in: a pair, and the mean of two real poles.
     yield {
         "pair_real": ([0.9, 0.91, 0.92, 0.945], [0, 1, 2, 3]), "pair_imaginary": ([0.1, 0.1, 0.1, 0.0], [0, 1, 2, 3]),
         "zero": ([0.5, 0.6, 0.7], [0, 1, 2, 3]),
@@ -534,7 +534,7 @@ def vertical_steps(r, i):
     for k, number in enumerate((15, 16, 17, 20)):
         models = (*both, "adjusted model") if number == 20 else both
         draw(f"{number}: step of 1 mm, {ordinals[k]} controller", 7 + k, CONTROLLERS[k], models)
-    # 1 s after the run begins; 10 mm, the step of 1 mm, and 40 % beyond.
+    # 1 s after the start; 10 mm, plus the step of 1 mm, plus an overshoot of 40 %.
     figures["Fig. 5-15: step of 1 mm, first controller"][1].append(
         ("peak of the rig, Table 7-1", "measured", [1.3], [11.4])
     )
@@ -554,7 +554,7 @@ def vertical_steps(r, i):
 
 
 def horizontal_steps(r, i):
-    """Chapter 6: steps of 0.1 mm at 2 s under PD and PID, and steps in open loop to where the rig came."""
+    """Chapter 6: steps of 0.1 mm at 2 s under PD and PID, and open-loop steps to the rig's positions."""
 
     def step(axis, Kc, Ti, Td, depth=10.0, lasts=12.0):
         pid = {"kind": "pid", "Kc": Kc, "Td_s": pytest.approx(60 * Td), "lower": -0.4, "upper": 0.4}
@@ -572,7 +572,7 @@ def horizontal_steps(r, i):
         (1.0, np.inf, 1e-6),
     )
     slow, runs = (0.025, 0.125, 1e-4), [step("x", *gains) for gains in ((0.025, 0.006, 1e-4), second, third)]
-    # The stand-in moves 10 mm per unit along x, 20 along y: the second try is right.
+    # The stand-in moves 10 mm per unit along x and 20 mm along y, so the second try is right.
     ways = ((7, "x", 1.4), (8, "x", 1.65), (9, "y", 0.75), (10, "y", 1.18))
     theirs = [smallest_root(i[f"{axis}_polynomial"], way) for _, axis, way in ways]
     ours = [way / {"x": 10, "y": 20}[axis] for _, axis, way in ways]
@@ -583,7 +583,7 @@ def horizontal_steps(r, i):
     runs += [step(axis, *none, lasts=6.0) for axis in "xy"]
     runs += [step("x", *slow, lasts=90.0), step("y", *first), step("y", *slow, lasts=90.0)]
     yield runs + [step(axis, *first, depth=18.0) for axis in "xy"]
-    # Of the stand-in, in which three runs differ.
+    # From the stand-in, for three different runs.
     yield {"model_Ti": ([0.21, 0.22, 0.23], [0, 1, 2])}
     figures = {}
     for (number, axis, way), k in zip(ways, (4, 6, 8, 10), strict=True):
@@ -670,7 +670,7 @@ ROWS = {
 
 @pytest.fixture
 def made(monkeypatch):
-    """The runs that are asked for, in their order."""
+    """The runs that a row makes, in their order."""
     runs = []
 
     def simulate(scenario, changes, field_map):
@@ -684,8 +684,8 @@ def made(monkeypatch):
 
 @pytest.fixture
 def identified(monkeypatch):
-    """Estimators that tell what they were given: of (5-15) a pair of poles 0.9 +- 0.1j and on, the last ones real, and
-    of (5-13) three times the reference."""
+    """Estimators with known results: for (5-15) a pair of poles 0.9 +- 0.1j and further, the last ones real; for (5-13)
+    three times the reference."""
 
     def of_runs(seen, wanted, orders):
         assert (orders.poles, orders.zeros, len(seen), seen.shape) == (3, 1, 4, wanted.shape)
@@ -754,7 +754,7 @@ def same(found, value):
 
 @pytest.mark.parametrize(("rows", "every"), [(700, 1), (701, 2), (1400, 2), (1401, 3)])
 def test_lines_have_700_points_at_most(rows, every):
-    """From the first one on, those of the run, the models and the reference."""
+    """Every k-th point from the first one, of run, models and reference alike."""
     time = 0.01 * np.arange(rows + 5)
     seen, wanted = np.tile(time, (3, 1)).T, 2 * np.tile(time, (3, 1)).T
     run = coupled_runs.Readings(None, time, seen, seen, wanted)
@@ -767,7 +767,7 @@ def test_lines_have_700_points_at_most(rows, every):
 
 
 def test_what_never_comes_and_what_is_there_from_the_step_on():
-    """Up and down; before the step nothing counts, and the end of a window is outside it."""
+    """Upwards and downwards; samples before the step do not count, and a window excludes its end."""
     time = np.arange(5.0)
     for way in (1.0, -1.0):
         true = way * np.array([9.0, 0.0, 0.5, 1.0, 1.5])[:, None]

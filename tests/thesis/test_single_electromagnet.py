@@ -1,4 +1,4 @@
-"""S4: bands of the levitated sphere, its convergence, and the difference between the two windings."""
+"""S4: bands of the levitated sphere, its convergence, and the difference of the two windings."""
 
 from functools import cache
 
@@ -52,13 +52,13 @@ def test_force_is_the_gradient_of_the_field_and_balances_the_weight():
     depth = levitation_depth(EXACT) + 1e-4 * np.array([-1.0, 0.0, 1.0])
     flux, gradient = axis_curves(EXACT, depth)
     assert gradient[1] == pytest.approx((flux[0] - flux[2]) / 2e-4, rel=1e-4)
-    # Volume 5.24e-10 m^3 of 7400 kg/m^3, Table 2-2.
+    # Volume 5.24e-10 m^3 at 7400 kg/m^3, Table 2-2.
     force = read_device(EXACT).payload.moment * gradient[1]
     assert force == pytest.approx(np.pi / 6 * 1e-9 * 7400 * 9.80665, rel=2e-3)
 
 
 def test_square_wires_stand_for_round_ones():
-    """Against loops spread over the round section, on the core's axis and face, half a millimetre from a wire."""
+    """Against filaments spread over the round section, on the axis, on the core's face and 0.5 mm from a wire."""
     coils = read_device(SIMPLIFIED).coils
     points = np.array([[0.0, 0.0, -0.02], [0.0, 0.0, 0.045], [0.0199, 0.0, 0.009], [0.0199, 0.0, 0.018]])
     squares = np.tensordot(CURRENTS[SIMPLIFIED], unit_flux_densities(coils, points), axes=1)
@@ -78,8 +78,8 @@ def test_square_wires_stand_for_round_ones():
 
 
 def test_figures_2_4_to_2_6():
-    """B_z and dB_z/dz below the core, 1 A in 500 turns and 100 A in 5; the force on a sphere of 1 mm, Table 2-2, beside
-    its weight: remanence 1.3 T, 7400 kg/m^3."""
+    """B_z and dB_z/dz below the core, at 1 A in 500 turns and 100 A in 5; force and weight of a sphere of 1 mm,
+    Table 2-2: remanence 1.3 T, 7400 kg/m^3."""
     part = computed("S4_levitation")
     given = read_part("S4_levitation").inputs
     far, near = 1e-3 * np.linspace(given["near_mm"], given["far_mm"], 200), 1e-3 * np.linspace(30, 60, 120)
@@ -110,7 +110,7 @@ def test_figures_2_4_to_2_6():
         *marks,
     ]
     assert_drawn(lift, (labels, "force (mN)"), lines)
-    # Largest over 80 places.
+    # The largest over 80 places.
     few = 1e-3 * np.linspace(given["near_mm"], given["far_mm"], 80)
     ratio = at(SIMPLIFIED, few, "field")[:, 2] / at(EXACT, few, "field")[:, 2]
     assert place["difference_of_the_windings"] == pytest.approx(100 * np.abs(ratio - 1).max())

@@ -1,6 +1,6 @@
-"""Rows S12 to S15 on a coarse mesh: solved here, compared with what the thesis measured, in bands that are stated.
+"""Rows S12 to S15, solved on a coarse mesh, against the thesis's measurements, within stated bands.
 
-Mesh sizes over 0.5 move equilibria by up to 8 % (the shipped mesh: 0.03 mm, `fieldmap thesis S14`); the bands of the
+Refinement 0.5 shifts equilibria by up to 8 % (the shipped mesh: 0.03 mm, `fieldmap thesis S14`). The bands of the
 shipped mesh are in `make validate`.
 """
 
@@ -24,7 +24,7 @@ MEASURED = np.array([1.346, 2.862, 9.329]) + 0.088
 
 
 def test_levels_are_interpolated_without_a_jump():
-    """Between three levels, and the next three take over at a level that both have."""
+    """Between three levels; neighbouring panels of three change at a level that both contain."""
     means = np.linspace(PANELS[0][0], PANELS[-1][-1], 4201)
     panels = [_panel(mean) for mean in means]
     assert all(panel[0] - 1e-9 <= mean <= panel[2] + 1e-9 for mean, panel in zip(means, panels, strict=True))
@@ -37,18 +37,18 @@ def test_levels_are_interpolated_without_a_jump():
 
 @pytest.fixture(scope="module")
 def coarse():
-    """The mesh that the bands are stated for."""
+    """The mesh of the stated bands."""
     return UnitRays(UnitStates(refinement=0.5, folder=None))
 
 
 @pytest.fixture(scope="module")
 def rough():
-    """For what holds on any mesh."""
+    """A coarser mesh, for properties that hold on any mesh."""
     return UnitRays(UnitStates(refinement=0.4, folder=None))
 
 
 def test_shift_along_x_is_convex_and_too_far_at_a_constant_level(coarse):
-    """Nothing fitted: the B-H curve alone makes the measured shape; the level that is not raised makes it too long."""
+    """Nothing is fitted: the B-H curve gives the measured shape; at a constant level the shift is too large."""
     for h, low, high in ((15.0, 1.1, 1.4), (25.0, 0.95, 1.25)):
         found = shift((coarse,), SIGNALS, h=h, rule="constant")
         slopes = np.diff(1e3 * np.append(0.0, found.along)) / np.diff(np.append(0.0, SIGNALS))
@@ -59,7 +59,7 @@ def test_shift_along_x_is_convex_and_too_far_at_a_constant_level(coarse):
 
 
 def test_with_the_lift_held_the_shift_and_the_current_limit_fit(coarse):
-    """Within 20 % on this mesh, and 3.55 A within 3 % at the signal at which the thesis lost vertical control."""
+    """Within 20 % on this mesh; 3.55 A within 3 % at the signal where the thesis lost vertical control."""
     found = shift((coarse,), SIGNALS, h=15.0, rule="held")
     assert np.abs(1e3 * found.along / MEASURED - 1.0).max() < 0.2
     assert found.largest[-1] == pytest.approx(3.55, rel=0.03)
@@ -111,7 +111,7 @@ def test_solved_states_are_kept_in_a_file(tmp_path, monkeypatch):
     again = UnitStates(refinement=0.4, folder=tmp_path)
     np.testing.assert_array_equal(again.field(point, currents), solved)
     assert (first.solved, again.solved) == (1, 0)
-    # States of another tolerance are not taken for these.
+    # States of another tolerance are not used.
     monkeypatch.setattr(drive_unit, "TOLERANCE", 5e-3)
     other = UnitStates(refinement=0.4, folder=tmp_path)
     other.field(point, currents)
@@ -128,7 +128,7 @@ def on_rough_mesh(rough, monkeypatch):
 
 
 def test_a_table_and_its_figure(on_rough_mesh, legible):
-    """Both branches beside one static curve, that begins where the branch does."""
+    """Both measured branches and one static curve that begins at the start of the branch."""
     inputs = dict(read_part("S14_x_branches").inputs, map=on_rough_mesh)
     keep = [0, 4]
     for name in [name for name in inputs if name.startswith(("positive", "negative"))]:
@@ -142,13 +142,13 @@ def test_a_table_and_its_figure(on_rough_mesh, legible):
     outward, back = (answers.numbers[f"positive_{way}_held"] for way in ("outward", "back"))
     np.testing.assert_array_equal(outward, back)
     assert outward[0] == inputs["positive_outward_mm"][0]
-    # What a single-valued law cannot do: on the way back the measured place lies nearer to the origin.
+    # A single-valued law cannot show that the measured place is nearer to the origin on the way back.
     assert (inputs["positive_back_mm"][:-1] < inputs["positive_outward_mm"][:-1]).all()
     assert {series.kind for series in answers.curves[0].series} == {"ours", "measured"}
 
 
 def test_the_printed_polynomials_are_fits_of_the_printed_tables(on_rough_mesh):
-    """(6-4), (6-5) to the rounding of the tables: within 0.02 mm on the whole range."""
+    """(6-4), (6-5) agree with fits to the tables within 0.02 mm on the whole range, the tables' rounding."""
     inputs = read_part("S14_fits").inputs
     for axis in "xy":
         signals, measured = inputs[f"{axis}_signals"], inputs[f"{axis}_mm"]
@@ -165,7 +165,7 @@ def test_signal_at_a_current_limit(limit, signal):
 
 
 class Quadratic:
-    """States whose "map" at currents (6,) is the matrix of a parabola over their mean, in a proportion of its own."""
+    """States whose gradient at currents (6,) is a parabola of their mean, times the share of coil 1."""
 
     coil_names = tuple("123456")
 
@@ -180,7 +180,7 @@ class Quadratic:
     "mean", [1.0 - 1e-10, 1.0, 1.2, 1.558, 2.6, 3.0, 3.2, 4.0, 4.3, 4.4, 5.2, 5.2 + 1e-10]
 )
 def test_a_parabola_goes_through_the_levels(mean):
-    """And takes a proportion of the currents with it."""
+    """At currents of unequal shares."""
     proportion = np.array([1.5, 0.5, 1.0, 1.0, 1.0, 1.0])
     found = UnitRays(Quadratic()).gradient(np.zeros((2, 3)), mean * proportion)
     np.testing.assert_allclose(found, np.full((2, 3, 3), 1.5 * (1 + 2 * mean + 3 * mean**2)), rtol=1e-9)
@@ -198,7 +198,7 @@ FLUX, SLOPE = np.array([0.1, 0.2, 0.3]), np.array([[1.0, 2.0, 3.0], [2.0, -5.0, 
 
 
 class Even:
-    """A solver for fields of an even gradient (trace-free, symmetric) per ampere of coil 1."""
+    """A solver of fields with uniform gradient (trace-free, symmetric) per ampere of coil 1."""
 
     def __init__(self):
         self.begun = []
@@ -220,7 +220,7 @@ def test_states_are_kept_by_their_currents_and_begin_at_the_last(tmp_path):
     np.testing.assert_allclose(states.field(points, currents), 2.0 * (FLUX + points @ SLOPE), rtol=1e-9)
     np.testing.assert_allclose(states.gradient(points, currents), 2.0 * np.tile(SLOPE, (3, 1, 1)), rtol=1e-9)
     np.testing.assert_allclose(states.second_gradient(points, currents), 0.0, atol=1e-6)
-    # The same currents to a rounding, and without a sign of nothing.
+    # Currents equal up to rounding, and -0.0, find the same state.
     assert states.gradient(points, currents + 1e-11 * np.array([1, 1, -1, 1, 1, 1])).max() == pytest.approx(
         8.0
     )

@@ -22,7 +22,7 @@ def test_height_and_reading_are_inverses(offset):
 
 
 def test_the_levitation_current_has_the_printed_numbers_of_7_18():
-    # The driver voltage of (7-19) is the same law divided by the amplifier gain 0.355 A/V; 3.42 V at z = 0.
+    # The driver voltage of (7-19) is this law over the amplifier gain 0.355 A/V: 3.42 V at z = 0.
     assert thesis_lift_current(0.0) / 0.355 == pytest.approx(3.4225, abs=1e-4)
     # 1.558 A at z_s = 10 mm.
     assert thesis_lift_current(10.0) == pytest.approx(1.558, abs=1e-12)

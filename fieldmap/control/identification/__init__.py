@@ -1,7 +1,7 @@
-"""Identification: models from records of a rig, in open and closed loop.
+"""Identification of models from records of a rig, in open and closed loop.
 
-Theory with the equation numbers that the docstrings cite: docs/theory/identification.md. Depends on: errors,
-arguments, the linear models beside it, scipy.
+Equation numbers in docstrings are those of docs/theory/identification.md. Depends on: errors, arguments, linear models
+of `fieldmap.control`, scipy.
 """
 
 from fieldmap.control.identification.estimators import (

@@ -83,8 +83,8 @@ def modified_least_squares(
 ) -> Estimate:
     """Modified least squares: fit, filter both records by 1/A, repeat; (5), (6).
 
-    This is the iteration of Steiglitz and McBride (IEEE Trans. Automatic Control 10 (1965) 461). Where an
-    estimate of A is unstable the filter takes its poles reflected at the unit circle. Consistent for white
+    This is the iteration of Steiglitz and McBride (IEEE Trans. Automatic Control 10 (1965) 461). If an
+    estimate of A is unstable, the filter uses its poles reflected at the unit circle. Consistent for white
     noise of the sensor; coloured noise biases it.
 
     Parameters
@@ -92,9 +92,9 @@ def modified_least_squares(
     outputs, inputs, orders, Ts
         As for `least_squares`.
     tolerance
-        Stops when no coefficient changes by more than this share of the largest one.
+        The iteration stops when no coefficient changes by more than this share of the largest one.
     iterations
-        Most iterations.
+        Largest number of iterations.
 
     Returns
     -------
@@ -106,8 +106,8 @@ def modified_least_squares(
     InputError
         As for `least_squares`.
     NotConverged
-        After the most iterations. Usually the records then cannot determine so many poles and zeros;
-        `modified_least_squares_runs` returns such estimates all the same.
+        If the iteration does not converge. Usually the records then do not determine this number of poles and
+        zeros; `modified_least_squares_runs` nevertheless returns such estimates.
     """
     where = "modified_least_squares"
     y, u = regression.check_records(where, orders, outputs=outputs, inputs=inputs)
@@ -122,7 +122,7 @@ def modified_least_squares(
 def modified_least_squares_runs(
     outputs: ArrayLike, inputs: ArrayLike, orders: Orders, *, tolerance: float = 1e-6, iterations: int = 100
 ) -> EstimatedRuns:
-    """`modified_least_squares` of many records at once, for Monte Carlo studies.
+    """`modified_least_squares` for many records at once, for Monte Carlo studies.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def modified_least_squares_runs(
     Returns
     -------
     EstimatedRuns
-        The models, and which did not settle.
+        The models, and which of them converged.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def modified_least_squares_runs(
 def _filtering(
     y: Array, u: Array, orders: Orders, where: str
 ) -> tuple[Array, Callable[[NDArray[np.intp], Array], Solution]]:
-    """First coefficients (runs, p), and the step of the modified least squares, for `iterate`."""
+    """Start coefficients (runs, p), and the step of the modified least squares, for `iterate`."""
 
     def advance(active: NDArray[np.intp], coefficients: Array) -> Solution:
         a = regression.stable_denominators(regression.polynomials(coefficients, orders)[0])
@@ -186,7 +186,7 @@ def generalised_least_squares(
 
     Clarke (IFAC Symposium on Identification, Prague 1967): (7) of docs/theory/identification.md. Consistent
     if the equation's errors are autoregressive of this order and there is a single minimum. Noise of a
-    sensor gives no such errors: D = 1/A would need infinitely many terms.
+    sensor does not give such errors: D = 1/A would need infinitely many terms.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ def generalised_least_squares(
     InputError
         For unusable records.
     NotConverged
-        After the most iterations.
+        If the iteration does not converge.
     """
     where = "generalised_least_squares"
     check_positive(where, Ts=Ts)
@@ -240,9 +240,9 @@ def armax(
 ) -> Estimate:
     """A(q) y = B(q) u + C(q) v, (2), by minimising the prediction errors: (8), (9).
 
-    The search starts from a long autoregression (Hannan and Rissanen) or the modified least squares, whichever
-    predicts better. It is scipy's least squares with exact derivatives. Consistent for every noise that C can
-    describe, in closed loop too.
+    scipy's least squares, with exact derivatives, starts from a long autoregression (Hannan and Rissanen) or the
+    modified least squares, whichever predicts better. Consistent for every noise that C can describe, in
+    closed loop too.
 
     Parameters
     ----------
@@ -262,7 +262,7 @@ def armax(
     InputError
         For unusable records.
     NotConverged
-        Where the search does not end.
+        If the search does not converge.
     """
     where = "armax"
     noise = orders.poles if noise_order is None else noise_order
@@ -286,7 +286,7 @@ def armax(
     )
     if not fit.success:
         raise NotConverged.of(where, "must converge", fit.message, "ask for fewer coefficients")
-    # This solution is only for covariance and condition.
+    # This linear solution gives only covariance and condition.
     solution = regression.solve_columns(fit.jac, -fit.fun, where)
     solution = solution._replace(coefficients=fit.x[None], squares=np.array([2.0 * fit.cost]))
     note = f"noise of the equation is a moving average of order {noise}"
@@ -301,7 +301,7 @@ def _equation_errors(coefficients: Array, y: Array, u: Array, orders: Orders) ->
 
 
 def _two_stage_start(y: Array, u: Array, orders: Orders, noise: int, where: str) -> Array:
-    """One regression on past y, u and v, where v is taken to be the errors of a long ARX model."""
+    """One regression on past y, u and v, with the errors of a long ARX model as v."""
     long = Orders(orders.poles + 15, orders.zeros + 15, orders.dead_time)
     try:
         theta = regression.solve(y[None], u[None], long, where).coefficients[0]
@@ -415,10 +415,10 @@ def recursive_least_squares(
 def identify_direct(outputs: ArrayLike, controls: ArrayLike, orders: Orders, Ts: float) -> Estimate:
     """The plant from the controller's output and the measured position, as if the loop were open.
 
-    Modified least squares. White noise of the sensor does no harm in spite of the feedback, if the plant has
-    a delay of a sample or more: with the unstable poles reflected, (6) is the innovations form of the plant
-    with that noise. Disturbing forces on the body and coloured noise bias the estimate: then use `armax`,
-    which models them, or an indirect way. Without a reference signal the conditions (12) must hold.
+    Modified least squares. In spite of the feedback, white noise of the sensor does not bias the estimate, if
+    the plant has a delay of a sample or more: with the unstable poles reflected, (6) is the innovations form of
+    the plant with that noise. Disturbing forces on the body and coloured noise bias the estimate: then use
+    `armax`, which models them, or an indirect method. Without a reference signal the conditions (12) must hold.
 
     Parameters
     ----------
@@ -462,9 +462,9 @@ def identify_indirect(
 ) -> Estimate:
     """The plant from reference and position, with the known controller taken out: (15), (16).
 
-    Only the plant's coefficients are estimated, so nothing has to cancel afterwards. Instruments are the
-    noise-free records that the current model predicts (Gilson and Van den Hof, Automatica 41 (2005) 241):
-    consistent for any noise that does not depend on the reference, if the controller is right.
+    Only the plant's coefficients are estimated, so that no poles and zeros have to cancel afterwards. Instruments
+    are the noise-free records that the current model predicts (Gilson and Van den Hof, Automatica 41 (2005) 241).
+    Consistent for any noise that does not depend on the reference, if the controller is correct.
 
     Parameters
     ----------
@@ -491,7 +491,7 @@ def identify_indirect(
     InputError
         For unusable records.
     NotConverged
-        After the most iterations.
+        If the iteration does not converge.
     """
     where = "identify_indirect"
     check_positive(where, Ts=Ts)
@@ -499,12 +499,12 @@ def identify_indirect(
     above = np.concatenate([np.zeros(bottom.size - top.size), top])
     y, r = regression.check_records(where, orders, outputs=outputs, references=references)
     outward, driven = filter_response(bottom, [1.0], y), filter_response(above, [1.0], r - y)
-    # Plain least squares is too inaccurate a start. The direct way is better, from the outputs of the known controller.
+    # Plain least squares is too inaccurate a start. The direct method with the known controller's outputs is better.
     found = modified_least_squares_runs(y, filter_response(above, bottom, r - y), orders, iterations=30)
     start = np.hstack([found.denominators[:, 1 : orders.poles + 1], found.numerators])
 
     def advance(_: NDArray[np.intp], coefficients: Array) -> Solution:
-        """Solve Z' Phi theta = Z' w with instruments Z. Triangle and condition are of the instruments, for (14)."""
+        """Solve Z' Phi theta = Z' w with instruments Z. Triangle and condition are those of Z, for (14)."""
         a, b = (polynomial[0] for polynomial in regression.polynomials(coefficients, orders))
         forward = np.convolve(above, np.concatenate([np.zeros(orders.delay), b]))
         # Denominator of the closed loop, its unstable roots reflected; then the position without noise.
@@ -536,9 +536,8 @@ def identify_two_stage(
     1523).
 
     The first stage models u from r. The u that it predicts is free of noise. From this u and y the second stage
-    estimates the plant by modified least squares. Nearly cancelling poles and zeros in the first stage do no
-    harm; too few do. The bias of the first stage passes to the plant, so this is the least exact of the three
-    ways.
+    estimates the plant by modified least squares. Nearly cancelling poles and zeros in the first stage are
+    harmless, but too few bias the plant. This is the least exact of the three methods.
 
     Parameters
     ----------

@@ -51,10 +51,10 @@ def pseudo_random_binary(
     samples
         Length; one period unless given.
     taps
-        Stages that feed back besides the last, for an order beyond 64 or another sequence of the same order;
-        whoever gives them vouches that they are maximal.
+        Stages that feed back besides the last, for an order beyond 64 or another sequence of the same order.
+        They are not checked for a sequence of maximal length.
     start
-        The register's first content as a whole number, not a multiple of 2^order; it only shifts the
+        Start content of the register as a whole number, not a multiple of 2^order; it only shifts the
         sequence.
 
     Returns
@@ -88,7 +88,7 @@ def pseudo_random_binary(
     check(length <= LONGEST, f"{where}(samples)", f"must be at most {LONGEST}", length, remedy)
     bits = np.array([(start >> i) & 1 for i in range(order)], dtype=np.int8)
     check(bool(bits.any()), f"{where}(start)", f"must not be a multiple of 2^{order}", start, "take 1")
-    # Here, as in `filter_response`: scipy.signal takes long to load.
+    # Imported on use, as in `filter_response`: scipy.signal takes long to load.
     from scipy.signal import max_len_seq
 
     sequence, _ = max_len_seq(order, state=bits, length=-(-length // hold), taps=list(stages))

@@ -1,4 +1,4 @@
-"""A model with its uncertainty from a log of a rig: what `fieldmap identify` prints."""
+"""A model with its uncertainty from a log of a rig, for `fieldmap identify`."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ METHODS = (*_ESTIMATORS, "two-stage")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class IdentifiedLog(Record):
-    """A model from the input to the output of a log, deviations from rest, in the units of the log.
+    """A model from the input to the output of a log, as deviations from rest, in the units of the log.
 
-    estimate: with its covariance; columns: role -> column; samples; rest: samples whose mean is the operating point;
-    operating_point: role -> that mean.
+    estimate: with its covariance; columns: role -> column; samples: their number; rest: number of samples at the
+    beginning, whose mean is the operating point; operating_point: role -> that mean.
     """
 
     estimate: Estimate
@@ -52,7 +52,7 @@ class IdentifiedLog(Record):
 
     @property
     def continuous_poles(self) -> tuple[NDArray[np.complex128], Array]:
-        """Poles in s, 1/s, of the poles in q, and their standard errors; those at 0, of dead time, are left out."""
+        """Poles in s, 1/s, for the poles in q, and their standard errors; poles at q = 0 (dead time) are left out."""
         poles, errors = self.estimate.poles, self.estimate.pole_errors
         moving = np.abs(poles) > 1e-12
         q = poles[moving].astype(complex)
@@ -61,7 +61,7 @@ class IdentifiedLog(Record):
 
     @property
     def coefficients(self) -> list[tuple[str, float, float]]:
-        """Name, value and standard error of a_1 ... and b_0 ..., as docs/theory/identification.md (1) has them."""
+        """Name, value and standard error of a_1 ... and b_0 ... of docs/theory/identification.md (1)."""
         model, p = self.estimate.model, len(self.estimate.covariance) - self.estimate.model.numerator.size
         values = [*model.denominator[1 : p + 1], *model.numerator]
         names = [f"a_{k + 1}" for k in range(p)] + [f"b_{k}" for k in range(model.numerator.size)]
@@ -98,21 +98,21 @@ def identify_log(log: Log, orders: Orders, method: str = "direct", rest: int | N
     orders
         Numbers of poles and zeros.
     method
-        "direct" and "armax" from both signals, also where there is feedback; "least-squares", biased by noise
-        of the sensor; "two-stage", which takes the "reference", too.
+        "direct" and "armax" use both signals, also with feedback; "least-squares" is biased by noise of the
+        sensor; "two-stage" also uses the "reference".
     rest
-        Samples at the beginning at which the rig is at its operating point; unless given, those before the
-        reference moves first, or one where there is no reference.
+        Number of samples at the beginning at which the rig is at its operating point; unless given, the
+        samples before the first move of the reference, or one without a reference.
 
     Returns
     -------
     IdentifiedLog
-        The model, and how well it explains the log.
+        The model with its uncertainty.
 
     Raises
     ------
     InputError
-        For what the log does not hold.
+        For signals that the log does not have.
     NotConverged
         As for the method.
     """
@@ -135,7 +135,7 @@ def identify_log(log: Log, orders: Orders, method: str = "direct", rest: int | N
 
 
 def _at_rest(log: Log) -> int:
-    """Samples before the reference moves first; one where there is none, or where it moves at once."""
+    """Number of samples before the first move of the reference; one without a reference, or if it moves at once."""
     if "reference" not in log.signals:
         return 1
     reference = log["reference"]

@@ -1,4 +1,4 @@
-"""Logs of rigs: evenly sampled signals, read from text files of columns (`fieldmap.inputs.columns`); and written as CSV
+"""Logs of rigs: evenly sampled signals, read from text files of columns (`fieldmap.inputs.columns`), and written as CSV
 with units in the headings."""
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from fieldmap.store.whole_files import whole_file
 from fieldmap.typing import Array, PathLike
 
 TIME = ("time", "t", "zeit", "timestamp", "elapsed time", "elapsed")
-# Times may be off the even grid by this share of the sampling time: rounding of a log's printed times.
+# Steps of time may differ from the mean by this share, because a log rounds its times.
 UNEVEN = 0.02
-# By its first line a written log is told from a measured one.
+# First line of a log that was written by `write_log`.
 WRITTEN = "# Log written by fieldmap"
 _OPTIONS = {"delimiter": "read_log(delimiter)", "units": "read_log(units)", "names": "read_log(names)"}
 
@@ -39,8 +39,8 @@ class Log(Record):
     """An evenly sampled record. Ts: sampling time, s. start: time of the first sample, s. signals: name -> values (n,)
     in SI units. units: name -> SI unit.
 
-    Of one that was read, by the names or roles of its signals: columns, and "time"; delimiter: comma, semicolon, tab or
-    blanks; decimal: "." or ",".
+    For a log that was read: columns: by the names or roles of its signals and "time"; delimiter: comma, semicolon, tab
+    or blanks; decimal: "." or ",".
     """
 
     Ts: float
@@ -68,7 +68,7 @@ class Log(Record):
         Parameters
         ----------
         name
-            Of the signal.
+            Name of the signal.
 
         Returns
         -------
@@ -80,12 +80,12 @@ class Log(Record):
         return self[name] / UNITS[unit][1], unit
 
     def deviations(self, *, rest: int) -> Log:
-        """The same record from the mean of its first samples, in which the rig must be at rest.
+        """The record minus the mean of its first samples, in which the rig must be at rest.
 
         Parameters
         ----------
         rest
-            How many samples.
+            Number of these samples.
 
         Returns
         -------
@@ -98,7 +98,7 @@ class Log(Record):
 
 
 def check_rest(where: str, rest: int, samples: int) -> None:
-    """A number of samples at rest, with others behind them. Raises InputError."""
+    """Raise InputError unless there is a sample at rest, and a later one."""
     check(1 <= rest < samples, where, f"must be from 1 to {samples - 1} samples", rest, "say how many")
 
 
@@ -145,12 +145,12 @@ def make_log(Ts: float, signals: Mapping[str, ArrayLike], units: Mapping[str, st
 
 
 def write_log(path: PathLike, log: Log, units: Mapping[str, str] | None = None) -> None:
-    """Write the record as CSV, 9 digits, below a line that says who wrote it.
+    """Write the record as CSV with 9 digits, below a line that names fieldmap as the writer.
 
     Parameters
     ----------
     path
-        Path of the file, in .csv. It replaces nothing but a log that was written here.
+        Path of the file, in .csv. Of existing files only a log that was written here is replaced.
     log
         The record.
     units
@@ -159,8 +159,8 @@ def write_log(path: PathLike, log: Log, units: Mapping[str, str] | None = None) 
     Raises
     ------
     InputError
-        For a unit that does not measure the same quantity, and for a path that cannot be written, has another
-        ending, or holds a file of another origin.
+        For a unit of another quantity, and for a path that cannot be written, has another ending, or holds a
+        file of another origin.
     """
     chosen = {"time": "s", **log.units, **(units or {})}
     columns, headings = [], []
@@ -178,7 +178,7 @@ def write_log(path: PathLike, log: Log, units: Mapping[str, str] | None = None) 
 
 
 def _in_si(where: str, unit: str) -> tuple[str, float]:
-    """SI unit and factor of a unit. Raises InputError for one that is not in the table."""
+    """SI unit and factor of a unit. Raises InputError for an unknown unit."""
     must = f"must be a unit of {', '.join(UNITS)}"
     check(unit in UNITS, where, must, unit or "no unit", "convert the signal")
     return UNITS[unit]
@@ -197,10 +197,10 @@ def read_log(
     options: Mapping[str, str] | None = None,
     whole_names: bool = False,
 ) -> Log:
-    """Read a text file of columns below a line of names, such as CSV; everything is SI once read.
+    """Read a text file of columns below a line of names, such as CSV, and convert it to SI.
 
-    Lines that are not numbers, not finite, or whose times are not even need a person's decision, and are not
-    mended in silence.
+    Lines that are not finite numbers, and times that are not evenly spaced, are errors: the user has to
+    decide what to do with them.
 
     Parameters
     ----------
@@ -208,14 +208,14 @@ def read_log(
         Path of the file.
     roles
         Role -> names by which its column is recognised, in lower case; only columns with roles are read.
-        Unless given every column is read, under its own name.
+        Unless given, every column is read, under its own name.
     required
-        Roles that must be there.
+        Roles that must have a column.
     names
-        Role -> name of its column, where that is not to be recognised; "time" is a role of its own.
+        Role -> name of its column, instead of recognising it; "time" is a role, too.
     units
-        Column -> unit, where its heading does not say, as `name (mm)`, `name [mm]`, `name_mm`, `name/mm`
-        or `name in mm` do.
+        Column -> unit, for a heading without a unit. Units are read from headings such as `name (mm)`,
+        `name [mm]`, `name_mm`, `name/mm` or `name in mm`.
     delimiter
         comma, semicolon, tab or blanks; recognised unless given.
     decimal
@@ -223,9 +223,9 @@ def read_log(
     sampling_time
         s, for a log without time.
     options
-        What the caller calls these in messages.
+        The caller's names of these options in messages.
     whole_names
-        Whether a name must be all of a heading, not one of its words.
+        Whether a name must match a whole heading, not only a word of it.
 
     Returns
     -------
@@ -282,7 +282,7 @@ def read_log(
 
 
 def _sampling_problems(table: TextColumns, time: Array, Ts: float) -> list[Problem]:
-    """What is wrong with times (n,), s, that must be even."""
+    """Problems of times (n,), s, which must be evenly spaced."""
     off = np.abs(time - time[0] - Ts * np.arange(time.size))
     steps = np.diff(time)
     worst = int(np.argmax(np.abs(steps - Ts)))

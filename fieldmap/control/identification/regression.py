@@ -1,11 +1,11 @@
-"""Linear regression on past outputs and inputs, for one record or many at once, and what a model is identified with.
+"""Linear regression on past outputs and inputs, for one record or many at once, and the report of an identified model.
 
 The model in the delay operator is (1) of docs/theory/identification.md,
 
     y[n] = -a_1 y[n-1] - ... - a_p y[n-p] + b_0 u[n-d] + ... + b_z u[n-d-z] + error,
 
-solved by the triangle of the columns beside y (QR): no normal equations, whose condition would be the square of one
-that is large already for poles near q = 1. Arrays are (runs, samples).
+solved by a QR factorisation of the columns with y. Normal equations would square a condition number that is already
+large for poles near q = 1. Arrays are (runs, samples).
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from fieldmap.parallel.work import same_arithmetic
 from fieldmap.records import Record, tuple_line
 from fieldmap.typing import Array
 
-# Beyond this condition of the columns, each scaled to length one, rounding decides about the coefficients.
+# Condition number of the columns, scaled to length one, above which rounding determines the coefficients.
 LARGEST_CONDITION = 1e12
-# How many numbers columns are made of at once: 32 MB, with copies a few times as much.
+# Largest number of entries of columns that are computed at a time: 32 MB, with copies a few times that.
 _AT_ONCE = 4_000_000
 
 
 @dataclass(frozen=True)
 class Orders(Record):
-    """How many poles and zeros the sampled model has, and how many samples of dead time on top.
+    """Numbers of poles and zeros of the sampled model, and of additional samples of dead time.
 
     (b_0 q^zeros + ...) / (q^poles + ...) q^-dead_time: such as poles=4, zeros=3. The output follows the input by
     `delay` = poles - zeros + dead_time samples; sampled plants have one or more. Raises InputError for numbers that are
@@ -71,10 +71,10 @@ class Orders(Record):
 class Estimate(Record):
     """An identified sampled model with its report.
 
-    model: numerator and denominator in q. Ts: sampling time, s. method: which estimator. covariance (p, p): of the
+    model: numerator and denominator in q. Ts: sampling time, s. method: the estimator. covariance (p, p): of the
     denominator's coefficients after the leading 1, then the numerator's; it holds if `assumptions` hold. noise: C(q)
     of (1), falling powers ([1] unless it was estimated). residual_rms: of the last equation's errors, in units of the
-    output. condition: of the scaled regressors. iterations: how many. assumptions: under which the estimate is
+    output. condition: of the scaled regressors. iterations: their number. assumptions: under which the estimate is
     consistent.
     """
 
@@ -110,13 +110,13 @@ class Estimate(Record):
 
     @property
     def standard_errors(self) -> Array:
-        """Of the coefficients, in the order of `covariance`."""
+        """Standard errors of the coefficients, in the order of `covariance`."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def pole_errors(self) -> Array:
-        """Standard error of each of `poles`, first order in the errors of the coefficients: (14); 0 for those at 0
-        that stand for dead time."""
+        """Standard error of each of `poles`, to first order in the errors of the coefficients: (14); 0 for poles at 0
+        due to dead time."""
         order = len(self.covariance) - self.model.numerator.size
         moving = self.model.denominator[: order + 1]
         errors = _root_errors(moving, by_magnitude(np.roots(moving)), self.covariance[:order, :order], 1)
@@ -168,7 +168,7 @@ class Estimate(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EstimatedRuns(Record):
-    """The same identification of many records: spread instead of standard errors.
+    """Models identified from many records, whose spread replaces standard errors.
 
     numerators (runs, zeros + 1) and denominators (runs, poles + 1) in q; converged (runs,); iterations (runs,).
     """
@@ -195,13 +195,13 @@ class EstimatedRuns(Record):
 
 
 def by_magnitude(roots: NDArray[Any]) -> NDArray[Any]:
-    """Roots by falling magnitude; of a pair, the one above the real axis first."""
+    """Roots by falling magnitude; in a pair, the one above the real axis comes first."""
     return roots[np.lexsort((-roots.imag, -np.round(np.abs(roots), 12)))]
 
 
 def _root_errors(polynomial: Array, roots: NDArray[Any], covariance: Array, first: int) -> Array:
-    """dr = -sum r^(n-i) dp_i / p'(r): the covariance of the coefficients from index `first` on, moved to the roots.
-    A double root has no first order error: infinite."""
+    """Standard errors of roots from the covariance of the coefficients from index `first` on, by dr = -sum r^(n-i) dp_i
+    / p'(r); infinite for a double root."""
     degree = polynomial.size - 1
     slope = np.polyval(np.polyder(polynomial), roots) if degree else np.ones(roots.size)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -211,8 +211,8 @@ def _root_errors(polynomial: Array, roots: NDArray[Any], covariance: Array, firs
 
 
 class Solution(NamedTuple):
-    """coefficients (runs, parameters): a then b; triangle (runs, p, p) with triangle.T triangle = columns' products;
-    squares (runs,): sum of squared errors; condition (runs,) of the scaled columns; samples: how many errors."""
+    """coefficients (runs, parameters): a then b; triangle (runs, p, p) with triangle.T triangle = columns.T columns;
+    squares (runs,): sum of squared errors; condition (runs,) of the scaled columns; samples: number of errors."""
 
     coefficients: Array
     triangle: Array
@@ -247,13 +247,13 @@ def solve_columns(columns: Array, target: Array, where: str) -> Solution:
 
 
 def _triangles(columns: Array, targets: Array) -> Array:
-    """Upper triangles r (runs, p + 1, p + 1) with r.T r the products of columns (runs, m, p) and, beside them, targets
-    (runs, m); signs of rows are any."""
+    """Upper triangles r (runs, p + 1, p + 1) of the QR factorisation of columns (runs, m, p) with targets (runs, m) as
+    last column; the signs of rows are arbitrary."""
     both = np.concatenate([columns, targets[..., None]], axis=-1)
-    # In threads of LAPACK's own small matrices take up to a hundred times as long, and round otherwise.
+    # With LAPACK's own threads small matrices take up to a hundred times as long, and round differently.
     with same_arithmetic():
         r = np.asarray(np.linalg.qr(both, mode="r"))
-    # Of fewer rows than columns the triangle is no square: rows of zeros add nothing.
+    # With fewer rows than columns r is not square; rows of zeros change nothing.
     return np.pad(r, ((0, 0), (0, r.shape[2] - r.shape[1]), (0, 0)))
 
 
@@ -284,9 +284,9 @@ def iterate(
     iterations: int,
 ) -> tuple[Solution, list[Array]]:
     """Repeat advance(runs, their coefficients) from coefficients (runs, p), until none changes by more than `tolerance`
-    of the largest of its run.
+    times the largest of its run.
 
-    Runs that have settled are left alone; changes per iteration (runs,), NaN for these.
+    Converged runs are not changed any more. Returns also the changes (runs,) of each iteration, NaN for these runs.
     """
     check_positive(where, tolerance=tolerance)
     check_count(where, iterations=iterations)
@@ -317,7 +317,7 @@ def settled(
     iterations: int,
     remedy: str,
 ) -> tuple[Solution, int]:
-    """`iterate` of one run, and how many iterations it took. Raises NotConverged if it does not settle."""
+    """`iterate` for one run, and its number of iterations. Raises NotConverged if it does not converge."""
     solution, changes = iterate(where, start, advance, tolerance, iterations)
     past = tuple(float(change[0]) for change in changes)
     if not past[-1] <= tolerance:
@@ -328,8 +328,8 @@ def settled(
 
 
 def stable_denominators(a: Array) -> Array:
-    """Polynomials (runs, p + 1) with the roots outside the unit circle reflected into it: same magnitude at every
-    frequency up to a factor, and a filter that does not grow."""
+    """Polynomials (runs, p + 1) with the roots outside the unit circle reflected into it. Up to a factor the magnitude
+    stays the same at every frequency, and the filter is stable."""
     mirrored = []
     for polynomial in a:
         roots = np.roots(polynomial)
@@ -345,13 +345,13 @@ def filtered(b: Array, a: Array, signal: Array) -> Array:
 
 
 def polynomials(coefficients: Array, orders: Orders) -> tuple[Array, Array]:
-    """A with its leading 1 and B, of coefficients (runs, parameters)."""
+    """A with its leading 1 and B, from coefficients (runs, parameters)."""
     a = np.concatenate([np.ones((len(coefficients), 1)), coefficients[:, : orders.poles]], axis=1)
     return a, coefficients[:, orders.poles : orders.parameters]
 
 
 def to_model(coefficients: Array, orders: Orders) -> TransferFunction:
-    """The model in q of coefficients (parameters,): falling powers; dead time adds poles at 0."""
+    """The model in q for coefficients (parameters,), with falling powers; dead time adds poles at 0."""
     a, b = polynomials(coefficients[None], orders)
     return TransferFunction(b[0], np.concatenate([a[0], np.zeros(orders.dead_time)]))
 
@@ -365,7 +365,7 @@ def estimate_of(
     assumption: str | tuple[str, ...],
     noise: Array | None = None,
 ) -> Estimate:
-    """The first run of a solution with its report; covariance = variance of the errors * (columns' products)^-1."""
+    """The first run of a solution with its report; covariance = variance of the errors * (columns.T columns)^-1."""
     coefficients, p = solution.coefficients[0], orders.parameters
     variance = float(solution.squares[0]) / (solution.samples - coefficients.size)
     inverse = np.linalg.inv(solution.triangle[0])
@@ -385,8 +385,8 @@ def estimate_of(
 def check_records(
     where: str, orders: Orders, minimum: int | None = None, **signals: ArrayLike
 ) -> list[Array]:
-    """Finite records of one length as arrays (runs, samples), long enough for the orders; one input may drive all
-    runs. Raises InputError."""
+    """Finite records of one length as arrays (runs, samples), long enough for the orders. One input may drive all runs.
+    Raises InputError."""
     arrays = [np.atleast_2d(check_signal(f"{where}({name})", values)) for name, values in signals.items()]
     at, (runs, samples) = f"{where}({', '.join(signals)})", (max(map(len, arrays)), arrays[0].shape[1])
     fits = all(x.ndim == 2 and x.shape[1] == samples and len(x) in (1, runs) for x in arrays)

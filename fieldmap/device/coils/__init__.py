@@ -1,5 +1,5 @@
-"""Shapes of coils, one module each. A module that is put into this folder is a choice of device files, and so is one
-that an installed package names as an entry point of the group "fieldmap.coils". docs/extend.md has the steps.
+"""Shapes of coils, one module each. A module in this folder adds a choice to device files, and so does a module that an
+installed package names as an entry point of the group "fieldmap.coils". docs/extend.md has the steps.
 """
 
 from pathlib import Path

@@ -1,8 +1,8 @@
-"""What a coil is to the rest of the package, and how a shape of one file becomes a choice of device files.
+"""Base class of coils.
 
-A shape is a frozen class derived from `Coil`, in a module of its own in `fieldmap.device.coils`; nothing else names it.
-Its fields say how a [[coil]] table states them (`fieldmap.inputs.declared`). The winding as arcs and bars
-(`Coil.winding`) is all that field, forces, inductance, solids, symmetry and drawings ask for.
+A shape of coil is a frozen class derived from `Coil`, in a module of its own in `fieldmap.device.coils`; no other code
+names it. The annotations of its fields define the keys of a [[coil]] table (`fieldmap.inputs.declared`). Field, forces,
+inductance, solids, symmetry and drawings use only its winding as arcs and bars (`Coil.winding`).
 """
 
 from abc import abstractmethod
@@ -44,12 +44,12 @@ Height = Annotated[float, Key(Length, "length of the winding along its axis", "m
 
 
 def require_room_for_the_winding(corner_radius: float, info: ValidationInfo) -> None:
-    """Refuse a winding that is thicker than its corners let it be.
+    """Refuse a winding thicker than twice its corner radius.
 
     Parameters
     ----------
     corner_radius
-        Of the path, m.
+        Of the path, mm.
     info
         The other keys, as pydantic gives them.
 
@@ -87,23 +87,22 @@ class Coil(Movable):
 
     @property
     def filaments(self) -> tuple[AirSource, ...]:
-        """Currents on lines and sheets, local frame, per ampere-turn, of a coil that has these in the place of a
-        winding."""
+        """Line and sheet currents of a coil without a winding, local frame, per ampere-turn; empty otherwise."""
         return ()
 
     @property
     def has_winding(self) -> bool:
-        """Whether there is a winding of rectangular section; without one there is no solid, and a self-inductance
-        of round wires only."""
+        """Whether there is a winding of rectangular section. A coil without one has no solid, and a self-inductance
+        only if its wires are round."""
         return not self.filaments
 
     def reflected(self, axis: int) -> Self:
-        """The winding seen in a mirror; the same where it is symmetric.
+        """The mirror image of the winding; a symmetric winding is its own image.
 
         Parameters
         ----------
         axis
-            Local axis 0 or 1 that is turned over.
+            Local axis, 0 or 1, that changes its sign.
 
         Returns
         -------
@@ -128,7 +127,7 @@ class Coil(Movable):
 
     @cached_property
     def _path(self) -> WindingPath:
-        """`winding()`: the field is asked for at one point after the other, and to make the path takes as long."""
+        """`winding()`, cached: it takes as long as the field at one point."""
         return self.winding()
 
     def unit_flux_density(self, points: Array, digits: float) -> Array:

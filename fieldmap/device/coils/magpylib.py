@@ -1,4 +1,4 @@
-"""Coils of the currents that magpylib has: loops, polylines, sheets and strips, and any other magpylib source."""
+"""Coils made of magpylib sources: loops, polylines, sheets, strips, and any other class."""
 
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, ClassVar, Self
@@ -20,11 +20,11 @@ from fieldmap.typing import Array
 class MagpylibCoil(Coil):
     """Currents of magpylib's kinds, driven together.
 
-    B is (current x turns x polarity) times the sum of theirs.
+    B is current x turns x polarity times the sum of the fields of `sources`.
 
-    sources: with their own currents, those for 1 A in the coil. nominal_current: what the coil carries in the model
-    that it comes from, A, if known. wire_diameter: of loops and polylines, m; without it they have no self-inductance.
-    Filaments and sheets have no winding of rectangular section and no resistance. The force on them is known.
+    sources: with their currents for 1 A in the coil. nominal_current: current of the coil in its original model, A, if
+    known. wire_diameter: of loops and polylines, m; without it they have no self-inductance. Filaments and sheets have
+    no winding of rectangular section. The force on them can be computed, their resistance cannot.
     """
 
     kind: ClassVar[str] = "magpylib"
@@ -63,11 +63,10 @@ class MagpylibCoil(Coil):
     def from_magpylib(cls, name: str, model: Any, **options: Any) -> Self:
         """A coil of magpylib sources that are driven together.
 
-        Currents count with their share of the first current that is not zero, whatever connects them: strands in
-        series have shares of 1, the second of two strands that carry 2 A and 3 A has 1.5. The nominal current is
-        the one at which the coil has the field of the model: that first current over turns and polarity, so that
-        ampere-turns of the model become the current of a winding. Of a magnet or any other source the field that it
-        has is that of 1 A.
+        Currents are divided by the first current that is not zero: of two strands that carry 2 A and 3 A, the second
+        has 1.5 A per ampere of the coil. At the nominal current the coil has the field of the model: it is the first
+        current over turns and polarity, so that ampere-turns of the model become the current of a winding. The field of
+        a magnet or any other source counts as its field at 1 A.
 
         Parameters
         ----------
@@ -86,7 +85,7 @@ class MagpylibCoil(Coil):
         Raises
         ------
         InputError
-            For what is no source.
+            For an object that is no source.
         """
         sources = sources_of(model)
         first = next((source.current for source in sources if source.current), None)
@@ -103,16 +102,16 @@ class MagpylibCoil(Coil):
 
     @property
     def unwritten(self) -> bool:
-        """Whether a file cannot hold it: an object of a class that is not among magpylib's kinds."""
+        """Whether a file cannot hold it, because a source is of the kind "other"."""
         return any(source.live is not None for source in self.sources)
 
     @property
     def height(self) -> float:  # type: ignore[override]
-        """0: there is no winding."""
+        """Zero, since there is no winding."""
         return 0.0
 
     def winding(self) -> WindingPath:
-        """Raises InputError: there is none."""
+        """Raises InputError, since there is no winding."""
         must_hold, remedy = "a winding of rectangular section is needed", "give a coil of another kind"
         raise InputError.of(f"coil {self.name!r}", must_hold, "magpylib sources", remedy)
 

@@ -1,4 +1,4 @@
-"""A plane winding of rectangular section as arcs and bars: what field, quadrature, solids and drawings are made from.
+"""A plane winding of rectangular section as arcs and bars, for field, quadrature, solids and drawings.
 
 The middle line is a closed plane curve of arcs and straight bars. Frame: axis along z, the winding in |z| <= height/2.
 """
@@ -14,17 +14,17 @@ from fieldmap.kernels.coils.pieces import Arc, Bar
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-_STRAIGHT = 1e-12  # a corner that turns by less is no corner; a bar shorter than this times the path is none
-_FULL_TURN = math.pi * (1 - 1e-12)  # half angle of an arc that closes
+_STRAIGHT = 1e-12  # smallest turn of a corner, rad, and smallest length of a bar as a share of the path
+_FULL_TURN = math.pi * (1 - 1e-12)  # an arc with a larger half angle is a circle
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WindingPath(Record):
-    """arcs (n, 8) and bars (m, 5), rows as `fieldmap.kernels.coils.pieces` names them; thickness and height in m.
+    """arcs (n, 8) and bars (m, 5), with the columns of `fieldmap.kernels.coils.pieces`; thickness and height in m.
 
     The pieces make a closed curve, in the sense of a positive current; their order does not matter. No arc turns by
-    more than a right angle, for which the kernel's rules are made (`winding_path` divides those that do), but a circle
-    is one arc of a full turn.
+    more than a right angle, the limit of the kernel's quadrature (`winding_path` divides longer arcs); only a circle is
+    one arc of a full turn.
     """
 
     arcs: Array
@@ -84,8 +84,8 @@ def bar(start: Array, end: Array) -> Bar:
 def winding_path(
     arcs: Sequence[Sequence[float]], bars: Sequence[Sequence[float]], thickness: float, height: float
 ) -> WindingPath:
-    """The path of rows made by `arc` and `bar`. Arcs that turn by more than a right angle are divided into equal ones
-    that do not."""
+    """The path of rows made by `arc` and `bar`. Arcs that turn by more than a right angle are divided into equal arcs
+    below that limit."""
     divided = [row for wide in arcs for row in _divided(wide)]
     return WindingPath(
         np.array(divided, dtype=float).reshape(-1, 8),
@@ -110,10 +110,9 @@ def _divided(row: Sequence[float]) -> list[Arc]:
 def rounded_path(
     name: str, corners: Array, corner_radius: float, thickness: float, height: float
 ) -> WindingPath:
-    """The path of a polygon (n, 2) whose corners are rounded: each is cut by an arc that touches both edges.
+    """The path of a polygon (n, 2) with rounded corners: each corner becomes an arc tangent to both edges.
 
-    name: the coil's, for errors. Raises InputError where corners repeat or their roundings do not fit between each
-    other.
+    name: of the coil, for errors. Raises InputError where corners repeat or an edge is too short for its arcs.
     """
     if not np.isfinite(corners).all():
         problem = Problem(f"coil {name!r}, corners", "must be finite", f"{corners.tolist()}", "correct them")
@@ -128,7 +127,7 @@ def rounded_path(
     before = np.roll(directions, 1, axis=0)
     cross = before[:, 0] * directions[:, 1] - before[:, 1] * directions[:, 0]
     turns = np.arctan2(cross, np.sum(before * directions, axis=1))  # positive to the left
-    cuts = corner_radius * np.tan(np.abs(turns) / 2)  # from the corner to where its arc begins
+    cuts = corner_radius * np.tan(np.abs(turns) / 2)  # from the corner to the beginning of its arc
     rest = lengths - cuts - np.roll(cuts, -1)
     _check_fit(name, corner_radius, thickness, rest, lengths)
     arcs = [

@@ -1,5 +1,5 @@
-"""Material laws, one module each. A module that is put into this folder is a choice of device files, and so is one
-that an installed package names as an entry point of the group "fieldmap.materials". docs/extend.md has the steps.
+"""Material laws, one module each. A module in this folder adds a choice to device files, and so does a module that an
+installed package names as an entry point of the group "fieldmap.materials". docs/extend.md has the steps.
 """
 
 from collections.abc import Mapping
@@ -36,7 +36,7 @@ MATERIAL_KEYS: dict[str, Any] = {
     **{kind: table_of(law, "kind") for kind, law in kinds_of(Material).items()},
     _FROM_FILE: BHTableFromFileKeys,
 }
-"""Tables of device files: by kind, but a B-H table may name a file."""
+"""Tables of device files by kind; a B-H table that names a file has an entry of its own."""
 
 
 def _tag(table: Mapping[str, Any]) -> Any:
@@ -45,7 +45,7 @@ def _tag(table: Mapping[str, Any]) -> Any:
 
 
 def keys_of_table(table: Mapping[str, Any]) -> Any:
-    """The class that reads a raw [material.NAME] table; None for a kind that nobody knows."""
+    """The class that reads a raw [material.NAME] table; None for an unknown kind."""
     tag = _tag(table)
     return MATERIAL_KEYS.get(tag) if isinstance(tag, str) else None
 
@@ -57,7 +57,7 @@ def named_file(table: Mapping[str, Any]) -> str | None:
 
 
 def material_of(table: Table, name: str, curves: Curves) -> Material:
-    """In SI. curves: those of the material files that tables name."""
+    """The material of a table, in SI. curves: of the material files that tables name."""
     more: dict[str, Any] = {}
     if isinstance(table, BHTableFromFileKeys):
         more = dict(zip(("h", "b"), map(read_only, curves[table.file]), strict=True))

@@ -1,8 +1,8 @@
-"""What a material is to the rest of the package, and how a law of one file becomes a choice of device files.
+"""Base classes of materials.
 
-A law is a frozen class derived from `Material` (or from one of its two refinements here), in a module of its own in
-`fieldmap.device.materials`; nothing else names it. Its fields say how a [material.NAME] table states them
-(`fieldmap.inputs.declared`). In formulas h = mu0 H and b are both in tesla, J = b - h is the polarisation.
+A law is a frozen class derived from `Material` or one of its subclasses here, in a module of its own in
+`fieldmap.device.materials`; no other code names it. The annotations of its fields define the keys of a [material.NAME]
+table (`fieldmap.inputs.declared`). In formulas h = mu0 H and b are both in tesla, J = b - h is the polarisation.
 """
 
 from abc import abstractmethod
@@ -25,7 +25,7 @@ LARGEST_POLARISATION_T = 3.0
 Polarisation = Annotated[float, Field(gt=0, le=LARGEST_POLARISATION_T)]
 
 LARGEST_COERCIVE_FIELD = 1e5
-"""A/m: ten times what separates soft from hard magnetic materials."""
+"""A/m: ten times the coercive field that separates soft from hard magnetic materials."""
 
 CoerciveField = Annotated[
     float,
@@ -37,8 +37,7 @@ CoerciveField = Annotated[
 ]
 
 SAMPLES = np.concatenate([[0.0], np.geomspace(1e-3, 1e7, 240)])
-"""Where a law of initial permeability and saturation is sampled: chi h / saturation. At the last, J is saturated to
-1e-7."""
+"""Values of chi h / saturation at which a saturating law is sampled. At the last value J is saturated to 1e-7."""
 
 NO_REMANENCE = np.zeros(3)
 NO_REMANENCE.setflags(write=False)
@@ -46,8 +45,8 @@ NO_REMANENCE.setflags(write=False)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LawPoints(Record):
-    """Points of J(h) for monotone cubics: h (k,) from 0 on, J (k,), dJ/dh (k,), h and J in T. Past the last point J
-    stays."""
+    """Points of J(h) for monotone cubics: h (k,) from 0 on, J (k,), dJ/dh (k,), h and J in T. J is constant past the
+    last point."""
 
     field: Array
     polarisation: Array
@@ -55,11 +54,10 @@ class LawPoints(Record):
 
 
 class Material(Made):
-    """What a body is made of.
+    """The material of a body.
 
-    kind: the word for the law in device files.
-    role: how the models take it. "iron" may be given another constant permeability; a "magnet" keeps its own; a
-    "flux barrier" lets no flux pass. saturates: whether it follows a B(H) law that a linear solution does not know.
+    kind: the word for the law in device files. role: models may give "iron" another constant permeability; a "magnet"
+    keeps its own; a "flux barrier" lets no flux pass. saturates: whether its B(H) law is nonlinear.
     """
 
     kind: ClassVar[str]
@@ -79,12 +77,12 @@ class Material(Made):
 
     @property
     def largest_polarisation(self) -> float:
-        """The polarisation, T, that the law ends with or tends to; infinite where it has no end."""
+        """The saturation polarisation of the law, T; infinite where it does not saturate."""
         return np.inf
 
     @property
     def likeness(self) -> tuple[object, ...] | None:
-        """What must be equal in materials that are alike (their remanence apart); None: the name in the device."""
+        """Materials with equal values are alike, except for their remanence; None: they are compared by name."""
         return None
 
 
@@ -99,33 +97,33 @@ class SaturatingMaterial(Iron):
 
     saturates: ClassVar[bool] = True
     coercive_field: float = 0.0
-    """A/m, of iron with hysteresis, which `fieldmap.iron.HysteresisSolver` knows; other solutions leave it out."""
+    """A/m, of iron with hysteresis; only `fieldmap.iron.HysteresisSolver` uses it."""
     initial_slope: str = "the initial slope of its law"
-    """What a linear solution takes for its permeability, in words."""
+    """The permeability that a linear solution uses, in words."""
 
     @property
     def left_out(self) -> str:
-        """What solutions without memory leave out, in words."""
+        """The effects that solutions without hysteresis neglect, in words."""
         known = f" (coercive field {self.coercive_field:g} A/m left out)" if self.coercive_field else ""
         return f"no hysteresis{known}"
 
     @property
     def field_range(self) -> tuple[float, float]:
-        """mu0 H in T of a table's first and last point. Of a formula the first is infinite, and the last is where the
-        formula ends; infinite where it holds everywhere."""
+        """mu0 H, T, of the first and last point of a table. For a formula the first is infinite, and the last is the
+        end of its range, which may be infinite."""
         return np.inf, np.inf
 
     @abstractmethod
     def points(self) -> LawPoints:
-        """The law as the solvers take it. Called only where `fault` finds nothing."""
+        """The law as points for the solvers; valid only where `fault` returns None."""
 
     @abstractmethod
     def fault(self) -> tuple[str, str] | None:
-        """What must hold of the law and what was received instead; None for a law that iron can follow: dB/dH nowhere
-        below that of free space, and a polarisation that ends somewhere."""
+        """What must hold of the law and what was received; None for a law that iron can follow: one with a positive
+        dB/dH and a polarisation that saturates."""
 
     def require_physical(self) -> None:
-        """Raise InputError where there is a `fault`: a device made in Python has passed no reader."""
+        """Raise InputError where there is a `fault`: a device made in Python was not checked by the file reader."""
         fault = self.fault()
         if fault is not None:
             where = f"material '{self.name}'"
@@ -134,8 +132,8 @@ class SaturatingMaterial(Iron):
 
 @dataclass(frozen=True, repr=False)
 class TwoConstantLaw(SaturatingMaterial):
-    """A law that initial permeability and saturation polarisation (T) fix: J = saturation f(x), x = chi h / saturation,
-    chi = mu_r - 1. A law of this kind defines `title`, `polarisation` and `susceptibility`."""
+    """A law of two constants, initial permeability mu_r and saturation polarisation (T): J = saturation f(x), x = chi h
+    / saturation, chi = mu_r - 1. Subclasses define `title`, `polarisation` and `susceptibility`."""
 
     title: ClassVar[str]
 

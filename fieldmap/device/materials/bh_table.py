@@ -1,4 +1,4 @@
-"""Measured B-H curves: a table in the device file, or in a material file that it names."""
+"""Measured B-H curves, given as a table in the device file or in a material file."""
 
 import contextlib
 from collections.abc import Callable
@@ -24,8 +24,8 @@ from fieldmap.typing import Array
 
 # Rounding of printed tables may put a saturated slope a little below mu0; a slope below this is unphysical.
 SMALLEST_SLOPE = 0.99 * MU0
-# Device files keep to the slope of free space. The solver accepts smaller slopes: formulas in B, such as the law of
-# tests/reference/axisymmetric_saturated.csv, dip to 0.62 of it.
+# Curves in device files must have at least the slope of free space. The solver accepts smaller slopes: formulas in B,
+# such as the law of tests/reference/axisymmetric_saturated.csv, fall to 0.62 mu0.
 _SMALLEST_SLOPE_OF_A_LAW = 0.5 * MU0
 STRAIGHT_LINE = "straight line to the origin"
 TOWARDS_SATURATION = "towards saturation"
@@ -106,13 +106,13 @@ _Points: TypeAlias = tuple[Array, Array]
 
 
 def _with_free_space(field: Array, flux: Array) -> _Points:
-    """The polarisation with mu0 H, where it may be one: its slope falls to 0, and that of B to mu0."""
+    """J + mu0 H for a curve that may be J, whose slope falls to 0 (the slope of B falls to mu0); others unchanged."""
     flat = (np.diff(flux) / np.diff(field)).min() < 0.5 * MU0
     return field, flux + MU0 * field * flat
 
 
-# What people write in the place of H in A/m and B in T, and how these follow from it. The first that makes a curve of
-# iron is named.
+# Common mistakes in place of H in A/m and B in T: words, remedy and correction. An error names the first mistake whose
+# correction gives a curve of iron.
 _MISTAKES: tuple[tuple[str, str, Callable[[Array, Array], _Points]], ...] = (
     ("H and B look exchanged", "exchange them", lambda h, b: (b, h)),
     ("B looks as if it were in mT", "divide B by 1000", lambda h, b: (h, 1e-3 * b)),
@@ -124,18 +124,18 @@ _MISTAKES: tuple[tuple[str, str, Callable[[Array, Array], _Points]], ...] = (
     ("H looks as if it were in kA/m", "multiply H by 1000", lambda h, b: (1e3 * h, b)),
     ("B looks as if it were the polarisation J = B - mu0 H", "add mu0 H", _with_free_space),
 )
-# Between a soft ferrite and iron-cobalt: what a curve must reach for a mistake to be a likely one.
+# Range of the final polarisation of a corrected curve in which a mistake is likely: soft ferrite to iron-cobalt.
 _LIKELY_POLARISATION_T = (0.2, 2.5)
 
 
 def _largest_mu_r(polarisation: Array) -> Array:
-    """B / (mu0 H) that no known material exceeds: nickel-iron and amorphous ribbon have the largest, below 1 T; above
-    that come single crystals of iron and oriented silicon iron, and at 2 T iron-cobalt (9e4)."""
+    """Upper bound of B / (mu0 H) of known materials. It is largest below 1 T, for nickel-iron and amorphous ribbon;
+    above follow single crystals of iron and oriented silicon iron, and at 2 T iron-cobalt (9e4)."""
     return np.select([polarisation >= 1.6, polarisation >= 1.2], [2e5, 5e5], 2e6)
 
 
 def curve_fault(h: ArrayLike, b: ArrayLike, smallest_slope: float = SMALLEST_SLOPE) -> Fault | None:
-    """What is wrong with a curve of strictly increasing H, A/m, and B, T, the origin included or not; None for one that
+    """The fault of a curve of strictly increasing H, A/m, and B, T, with or without the origin; None for a curve that
     iron can follow."""
     field, flux = np.asarray(h, dtype=float), np.asarray(b, dtype=float)
     if (field[0] == 0) != (flux[0] == 0):
@@ -164,7 +164,7 @@ def _likely(field: Array, flux: Array) -> bool:
 
 
 def _unphysical(field: Array, flux: Array, smallest_slope: float, before: int) -> Fault | None:
-    """The first point that iron cannot have. before: how many points the user's list has before these."""
+    """The fault of the first point that iron cannot have. before: number of points that the user gave before these."""
 
     def at(k: int) -> str:
         return f"at point {k + 1 + before} (H = {field[k]:g} A/m, B = {flux[k]:g} T)"
@@ -339,9 +339,8 @@ class BHTable(SaturatingMaterial):
 
 
 def _monotone_slopes(x: Array, y: Array) -> Array:
-    """Slopes at all points but the first and the last, so that cubics between the points are monotone where the points
-    are: weighted harmonic means of the secants on both sides, or 0 if these differ in sign (F. N. Fritsch and
-    J. Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300)."""
+    """Slopes at the inner points of a monotone cubic interpolation: weighted harmonic means of the two secants, or 0 if
+    they differ in sign (F. N. Fritsch and J. Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300)."""
     width = np.diff(x)
     secant = np.diff(y) / width
     before, after = secant[:-1], secant[1:]

@@ -10,7 +10,7 @@ from fieldmap.device.materials.base import NO_REMANENCE, Material, Role
 class FluxBarrier(Material):
     """Ideal flux barrier, mu -> 0.
 
-    No flux passes its surface. Each model puts a small permeability in its place.
+    No flux passes its surface. Each model replaces it by a small permeability.
     """
 
     kind: ClassVar[str] = "flux_barrier"

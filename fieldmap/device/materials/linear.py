@@ -34,5 +34,5 @@ class LinearMaterial(Iron):
 
 
 def of_permeability(name: str, mu_r: float) -> LinearMaterial:
-    """The law of what fills a joint."""
+    """The law of the material in a joint."""
     return LinearMaterial(name, mu_r)

@@ -72,7 +72,7 @@ class Marrocco(SaturatingMaterial):
 
     @property
     def end(self) -> float:
-        """Flux density in T where mu0 dH/dB = 1; infinite where the formula never gets there, so never saturates.
+        """Flux density in T at which mu0 dH/dB = 1; infinite if the formula never saturates.
 
         >>> round(Marrocco("sheet", 2e-4, 1.0, 5.5, 5e4).end, 3)
         2.169

@@ -1,5 +1,5 @@
-"""Shapes of iron. A module that is put into this folder is a choice of device files, and so is one that an installed
-package names as an entry point of the group "fieldmap.shapes". docs/extend.md has the steps.
+"""Shapes of iron. A module in this folder adds choices to device files, and so does a module that an installed package
+names as an entry point of the group "fieldmap.shapes". docs/extend.md has the steps.
 """
 
 from pathlib import Path

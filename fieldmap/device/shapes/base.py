@@ -1,8 +1,8 @@
-"""What a shape of iron is to the rest of the package, and how a shape of one file becomes a choice of device files.
+"""Base classes of the shapes of iron.
 
-A shape is a frozen class derived from `Shape`, in a module of its own in `fieldmap.device.shapes`; nothing else names
-it. Its fields say how a [[body]] table states them (`fieldmap.inputs.declared`). Local frame: axis along z, base in the
-plane z = 0, centred in x and y.
+A shape is a frozen class derived from `Shape`, in a module of its own in `fieldmap.device.shapes`; no other code names
+it. The annotations of its fields define the keys of a [[body]] table (`fieldmap.inputs.declared`). Local frame: axis
+along z, base in the plane z = 0, centred in x and y.
 """
 
 from pathlib import Path
@@ -15,7 +15,7 @@ from fieldmap.errors import InputError
 from fieldmap.typing import Array
 
 ROUND = 24
-"""Points of a circle in drawings."""
+"""Points on a circle in drawings."""
 
 
 class Shape(Made):
@@ -24,27 +24,27 @@ class Shape(Made):
     kind: ClassVar[str]
     """The word for the shape in device files."""
     has_own_mesh: ClassVar[bool] = False
-    """Whether it is a mesh already: of a body of its own, without `mesh_size`."""
+    """Whether it is a mesh. A mesh is the only part of its body, which has no `mesh_size`."""
 
     @property
     def primitive(self) -> "Shape":
-        """The shape that solids, symmetry, derivatives and drawings know for it: one of this package's own.
+        """The equivalent shape of this package that solids, symmetry, derivatives and drawings use.
 
-        A new shape gives the cylinder, prism, solid of revolution or closed surface that fills the same space.
+        A new shape returns the cylinder, prism, solid of revolution or closed surface that fills the same space.
         """
         return self
 
     def hull(self) -> Array:
-        """Points (n, 3), m, local frame, whose convex hull is that of the shape; none of a file."""
+        """Points (n, 3), m, local frame, with the convex hull of the shape; none for a shape from a file."""
         return np.zeros((0, 3)) if self.primitive is self else self.primitive.hull()
 
     def reflected(self, axis: int) -> "Shape":
-        """The shape seen in a mirror; the same where it is symmetric.
+        """The mirror image of the shape; a symmetric shape is its own image.
 
         Parameters
         ----------
         axis
-            Local axis 0 or 1 that is turned over.
+            Local axis, 0 or 1, that changes its sign.
 
         Returns
         -------
@@ -54,7 +54,7 @@ class Shape(Made):
         Raises
         ------
         InputError
-            For a file, whose contents nobody turns over.
+            For a shape from a file, which cannot be mirrored.
         """
         return self if self.primitive is self else self.primitive.reflected(axis)
 
@@ -63,9 +63,9 @@ class ShapeOfFile(Shape):
     """A shape that another program wrote. `scale` turns the file's length unit into metres."""
 
     program: ClassVar[str]
-    """What the file is, in a word."""
+    """The kind of file, in a word."""
     instead_of_mirror: ClassVar[str]
-    """What to do where a mirror image is wanted."""
+    """The remedy in the error of `reflected`."""
 
     path: Path
     scale: float

@@ -1,4 +1,4 @@
-"""Bodies that are meshes of tetrahedra already."""
+"""Bodies given as meshes of tetrahedra."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,8 +29,8 @@ def _require_solid(tetrahedra: list[list[int]], info: ValidationInfo) -> None:
 class VolumeMesh(Shape):
     """Mesh of tetrahedra, used as it is.
 
-    tetrahedra (m, 4) are numbers of `points` (n, 3), in m, from 0. The shape of a body of its own,
-    without `mesh_size`: nothing is added to it or cut from it.
+    tetrahedra (m, 4) are numbers of `points` (n, 3), in m, from 0. The mesh is the only part of its body, which has no
+    `mesh_size`.
     """
 
     kind: ClassVar[str] = "volume_mesh"
@@ -43,7 +43,7 @@ class VolumeMesh(Shape):
 
     @classmethod
     def from_file(cls, path: PathLike, unit: float = 1e-3, region: str | None = None) -> Self:
-        """The tetrahedra of a mesh file: see `MeshFile`, of which this keeps the numbers.
+        """The tetrahedra of a mesh file, copied into the device; a `MeshFile` refers to the file instead.
 
         Parameters
         ----------
@@ -84,9 +84,9 @@ class VolumeMesh(Shape):
 class MeshFile(ShapeOfFile):
     """Tetrahedra of a mesh file, used as they are.
 
-    Files of gmsh, VTK and what else meshio reads. `scale` turns the file's length unit into metres. region: name of
-    those cells that are meant, or their number as a text; None for all. The shape of a body of its own, without
-    `mesh_size`.
+    Files of gmsh and VTK, and all others that meshio reads. `scale` turns the file's length unit into metres. region:
+    name of a region of the file, or its number as a text; None for all cells. The mesh is the only part of its body,
+    which has no `mesh_size`.
     """
 
     kind: ClassVar[str] = "mesh_file"

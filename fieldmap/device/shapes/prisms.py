@@ -21,7 +21,7 @@ class Box(Shape):
     size: Annotated[tuple[float, float, float], Key(Size, "[x, y, z] edge lengths", "mm")]
 
     def __post_init__(self) -> None:
-        # An array would be no tuple to those that look for one, and boxes could not be compared.
+        # Boxes with a tuple can be compared, boxes with an array cannot.
         if isinstance(self.size, np.ndarray) and self.size.ndim == 1:
             object.__setattr__(self, "size", tuple(self.size.tolist()))
 

@@ -50,14 +50,14 @@ class TriangleSurface(Shape):
     def from_stl(cls, path: PathLike, unit: float = 1e-3) -> Self:
         """The surface of an STL file, binary or text.
 
-        A surface that bounds a solid alone is read: closed, its shells turned the right way, no cut through itself.
+        The surface must bound a solid: closed, with shells that face the right way, and not cutting itself.
 
         Parameters
         ----------
         path
             Path of the file.
         unit
-            Length of the file's unit, m, of which STL says nothing.
+            Length of the file's unit, m, which STL does not state.
 
         Returns
         -------
@@ -67,7 +67,7 @@ class TriangleSurface(Shape):
         Raises
         ------
         InputError
-            For a file that is none, and for a surface that bounds no solid.
+            For a file that is not STL, and for a surface that bounds no solid.
         """
         points, triangles = read_stl(Path(path))
         fault = surface_fault(points, triangles) or crossing_fault(points, triangles)

@@ -16,7 +16,7 @@ from fieldmap.typing import Array
 
 
 def turned_hull(profile: Sequence[tuple[float, float]] | Array) -> Array:
-    """Points of the circles of corners of a profile.
+    """Points on the circles that the corners of a profile describe.
 
     Parameters
     ----------

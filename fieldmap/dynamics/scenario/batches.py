@@ -29,7 +29,7 @@ from fieldmap.typing import PathLike, Progress
 
 MOST_KEPT = 50
 """Most runs in a batch for which signals are kept, for a file or a picture."""
-# A body that rests within so many degrees stands upright.
+# Largest lean of an upright body, degrees. A larger lean is mentioned in words.
 _UPRIGHT = 1.0
 
 
@@ -48,7 +48,7 @@ class Batch(Record):
     Attributes
     ----------
     varied : these values by key; empty if no key varies.
-    experiment : what was run.
+    experiment : the experiment of the runs.
     runs : metrics of each run, and its signals if they are kept.
     seconds : processor time of the runs alone.
     """
@@ -85,6 +85,11 @@ class Simulation(Record):
         return self.batches[0].experiment
 
     @property
+    def assumptions(self) -> tuple[str, ...]:
+        """Those of the experiments, and the keys of the scenario that were changed for all."""
+        return (*self.first.assumptions, *self.first.scenario.changed(but=self.batches[0].varied))
+
+    @property
     def all_ended_early(self) -> bool:
         """Whether an event ended every run."""
         return all(one.metrics.event for batch in self.batches for one in batch.runs)
@@ -95,7 +100,7 @@ class Simulation(Record):
             scenario=self.first.scenario.path.name,
             title=self.first.scenario.contents.title,
             batches=[batch.to_dict() for batch in self.batches],
-            assumptions=self.first.assumptions,
+            assumptions=self.assumptions,
         )
 
 
@@ -124,7 +129,7 @@ def simulate_batches(
     changes
         Values by dotted key that replace those of the file.
     vary
-        Values by dotted key; the last key changes fastest.
+        Lists of values by dotted key; the last key changes fastest.
     runs
         Number of runs for each combination.
     seed
@@ -289,7 +294,7 @@ def _not_settled(runs: list[RunMetrics]) -> Iterator[str]:
 
 
 def _windings(runs: list[RunMetrics]) -> Iterator[str]:
-    """How hot the windings of coupled coils became; none if they do not warm up."""
+    """Statements about temperatures of the windings of coupled coils; none if they do not warm up."""
     hottest = [one.hottest_degC for one in runs if one.hottest_degC is not None]
     times = [one.too_hot_s for one in runs if one.too_hot_s is not None]
     if hottest:

@@ -70,13 +70,13 @@ class AxisController(Record):
         Parameters
         ----------
         reading
-            Of the axis.
+            Reading of the axis.
         period
-            Of the control task, s.
+            Control period, s.
         output
-            Of the controller in equilibrium.
+            Output of the controller in equilibrium.
         at
-            (7,), reference and position in equilibrium, m, and 1, as a block takes them.
+            Signals (7,) of a block in equilibrium: reference and position, m, and 1.
         """
 
 
@@ -234,15 +234,15 @@ class CoupledController(LqgWeights):
         Parameters
         ----------
         machine
-            What is controlled.
+            The machine.
         start
             Operating point at the start of the run.
         points_at
             Gives operating points at other heights.
         period
-            Of the control task, s.
+            Control period, s.
         delay
-            From sample to command, s.
+            Delay from sample to command, s.
 
         Raises
         ------
@@ -367,7 +367,7 @@ CoupledKeys = choice_of([table_of(kind, "kind") for kind in (Lqg, FeedbackLinear
 
 
 def limits_of(machine: Machine, lower: Array | None, upper: Array | None) -> tuple[Array, Array]:
-    """Lowest and highest lift, V, and x and y signals (3,) each: as given, or what the amplifiers give, and 1."""
+    """Lowest and highest lift, V, and x and y signals, (3,) each, as given; by default of the amplifiers, and 1."""
     divided, drive = isinstance(machine.allocation, ParametrisedAllocation), machine.drive
     lift = drive.amplifier.largest_current / drive.amplifier.gain
     if drive.gives_voltage:

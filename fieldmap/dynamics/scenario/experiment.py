@@ -1,4 +1,4 @@
-"""From a scenario to a run: machine, controller, schedule, state at the start."""
+"""Preparation and run of a scenario: machine, controller, schedule, state at the start."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -52,7 +52,7 @@ class Experiment(Record):
     Attributes
     ----------
     scenario : as read.
-    machine : what is simulated.
+    machine : the simulated machine.
     controller : None for a scenario that leaves it to the caller.
     schedule : references, disturbances and the clock.
     state : (13,), at the start.
@@ -132,9 +132,9 @@ def prepare(
     Raises
     ------
     ScenarioError, MapFileError, InputError
-        For what does not fit.
+        For an invalid scenario, map or argument.
     NoEquilibrium
-        Where the machine has no equilibrium at the start.
+        If the machine has no equilibrium at the start.
     """
     own = None if controller is None else as_controller(controller)
     with scenario.document.placing():
@@ -397,9 +397,9 @@ def simulate(
     MapFileError
         For a map that cannot be read.
     NoEquilibrium
-        Where the machine has no equilibrium at the start.
+        If the machine has no equilibrium at the start.
     ControllerError
-        Where the function fails.
+        If the function fails.
 
     Examples
     --------

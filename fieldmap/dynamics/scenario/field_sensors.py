@@ -22,13 +22,13 @@ from fieldmap.lookup import FieldMap
 from fieldmap.records import Record
 
 _EACH = Number | list[Number]
-# A position sensor that scans so often in a control period is late by its latency alone.
+# Scans per control period of an equivalent position sensor, a large number so that its delay is the latency alone.
 _SCANS = 1000
 
 
 @dataclass(frozen=True, repr=False)
 class FieldSensorSettings(Record):
-    """The controller sees the machine through the field sensors of the device, not through position sensors."""
+    """The controller uses the field sensors of the device instead of position sensors."""
 
     sensitivity: Annotated[Positive, Key(..., "of the elements", "V_per_T")]
     estimator: Annotated[
@@ -79,13 +79,13 @@ class FieldSensorSettings(Record):
         Parameters
         ----------
         machine
-            The machine with position sensors, whose zero of the depth stays.
+            The machine with position sensors; their zero of the depth is kept.
         opened
             Its map.
         point
-            At the start.
+            Operating point at the start.
         period
-            Of the control task, s.
+            Control period, s.
         """
         reads = machine.magnetic.sensors
         if reads is None:

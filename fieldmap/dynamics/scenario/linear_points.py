@@ -56,7 +56,7 @@ def linear_points(experiment: Experiment, depths_mm: Sequence[float] | None = No
     experiment
         The scenario, ready to run.
     depths_mm
-        Readings of the vertical sensor, mm; that of the start unless given.
+        Readings of the vertical sensor, mm; by default the reading at the start.
 
     Raises
     ------
@@ -114,6 +114,11 @@ class Linearisation(Record):
         """Whether the closed loop is stable at every depth."""
         return all(point.loop.stable for point in self.points)
 
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """Those of the machine, and the keys of the scenario that were changed."""
+        return (*self.points[0].linear.assumptions, *self.experiment.scenario.changed())
+
     def to_dict(self) -> dict[str, Plain]:
         """The linearisation as plain Python, in SI units except for names that end in _mm and margins in degrees. A
         pole is [real, imaginary]."""
@@ -125,7 +130,7 @@ class Linearisation(Record):
             inputs=first.inputs,
             outputs=first.outputs,
             points=[_point_items(point) for point in self.points],
-            assumptions=first.assumptions,
+            assumptions=self.assumptions,
         )
 
     def write(self, path: PathLike) -> Path:

@@ -82,15 +82,15 @@ def read_measured_log(
     Parameters
     ----------
     path
-        Of the file.
+        Path of the file.
     coil_names
         Names of the coils.
     names
         Columns by role, for columns that are not recognised.
     units
-        Units by column, where the file does not state them.
+        Units by column, if the file does not state them.
     options
-        How the caller calls these two arguments in messages: see `read_log`.
+        Names of these two arguments in messages: see `read_log`.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def lay_over(experiment: Experiment, run: LevitationRun, log: Log, begins: float
     Parameters
     ----------
     experiment
-        Of the run.
+        The experiment of the run.
     run
         The simulated run.
     log
@@ -137,7 +137,7 @@ def lay_over(experiment: Experiment, run: LevitationRun, log: Log, begins: float
     Raises
     ------
     InputError
-        Where fewer than two samples are left.
+        If fewer than two samples are left.
     """
     scenario = experiment.scenario
     time = log.time + (0.0 if begins is None else begins - log.start)

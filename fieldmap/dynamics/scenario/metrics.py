@@ -96,7 +96,7 @@ def _of_step(step: StepMetrics) -> str:
 
 
 def over_runs(each: Sequence[float]) -> float:
-    """The root mean square over several runs, from that of each."""
+    """The root mean square over several runs, from the root mean square of each."""
     return float(np.sqrt(np.mean(np.square(each))))
 
 
@@ -106,8 +106,7 @@ def reading_mm(scenario: Scenario, points: Array) -> Array:
 
 
 def run_metrics(scenario: Scenario, run: LevitationRun) -> RunMetrics:
-    """The metrics of a run; those of a step are taken over the part of the run from it to the next on its
-    axis.
+    """The metrics of a run. The metrics of a step are those from this step to the next one on its axis.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ class Reference(Record):
         time
             (p,), s.
         key
-            Of this change in the file, for messages.
+            Key of this change in the file, for messages.
 
         Returns
         -------
@@ -257,15 +257,15 @@ def references(
     Parameters
     ----------
     changes
-        Applied one after the other.
+        Changes, applied one after the other.
     compensator
-        Pushes the depth when x or y moves.
+        Push of the depth when x or y moves.
     start
         (3,), reference x, y and depth at the start, m.
     time
         (p,), s.
     period
-        Of the control task, s.
+        Control period, s.
 
     Returns
     -------

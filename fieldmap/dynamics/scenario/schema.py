@@ -1,7 +1,7 @@
 """The keys of a scenario file, table by table, and its reader."""
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -37,6 +37,7 @@ from fieldmap.dynamics.scenario.references import (
 from fieldmap.errors import InputError, ScenarioError
 from fieldmap.inputs.declared import Key, record_of, table_of
 from fieldmap.inputs.document import AtKey, Document, schema_findings
+from fieldmap.inputs.findings import changed_in_words
 from fieldmap.inputs.kinds import FileKind
 from fieldmap.inputs.tables import NotNegative, Positive, Table, Text, Vector, Versioned, broken
 from fieldmap.instruments import Converter
@@ -170,7 +171,7 @@ class CoilSettings(DriveChoice):
     ] = 0.0
 
     def drive(self, device: Device) -> CoilDrive:
-        """The drive of a device's coils. Raises ScenarioError if it needs what the device does not have."""
+        """The drive of a device's coils. Raises ScenarioError if the device lacks numbers for it."""
         converter = None if self.output_bits is None else Converter(self.output_range, self.output_bits)
         more = {"time_constant": self.time_constant, "converter": converter}
         try:
@@ -445,6 +446,13 @@ class Scenario(Record):
         """Depth below the map's origin at which the vertical sensor reads 0."""
         return 1e3 * self.settings.zero_depth
 
+    def changed(self, but: Collection[str] = ()) -> tuple[str, ...]:
+        """The keys that the caller changed, but those in `but`, and what the file states: one sentence, or none."""
+        data = tomllib.loads(self.text)
+        changes = {key: value for key, value in self.changes.items() if key not in but}
+        words = changed_in_words(self.path.name, changes, {key: _stated(data, key) for key in changes})
+        return (words,) if words else ()
+
     @property
     def document(self) -> Document:
         """The file, so that errors name the line of a key."""
@@ -494,6 +502,18 @@ def read_scenario(path_or_name: PathLike, changes: Mapping[str, Any] | None = No
     if findings:
         raise ScenarioError(*Document(path, document.text, data).problems(findings))
     return Scenario(path, document.text, ScenarioFile.model_validate(data), dict(changes or {}))
+
+
+def _stated(data: Any, key: str) -> tuple[Any, ...]:
+    """The value at a dotted key, if there is one."""
+    for step in key.split("."):
+        if isinstance(data, list) and step.isdigit() and int(step) < len(data):
+            data = data[int(step)]
+        elif isinstance(data, dict) and step in data:
+            data = data[step]
+        else:
+            return ()
+    return (data,)
 
 
 def _change(data: dict[str, Any], path: Path, key: str, value: Any) -> None:

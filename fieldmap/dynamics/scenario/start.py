@@ -168,7 +168,7 @@ def floating_at(
     start
         A known operating point.
     heights
-        Of the sensed point, m.
+        Heights of the sensed point, m.
 
     Raises
     ------

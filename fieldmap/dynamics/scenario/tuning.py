@@ -22,7 +22,7 @@ from fieldmap.plain import Plain, plain_items
 from fieldmap.records import Record
 from fieldmap.typing import PathLike
 
-# The output that moves each axis, its readings per metre, and the turn that goes with it.
+# For each axis: index of its output, readings per metre, and the rotation that couples with it.
 _AXES = {"z": (0, -1e3, ()), "x": (1, 1e3, ("turn_y",)), "y": (2, 1e3, ("turn_x",))}
 
 
@@ -30,23 +30,22 @@ _AXES = {"z": (0, -1e3, ()), "x": (1, 1e3, ("turn_y",)), "y": (2, 1e3, ("turn_x"
 class Tuning(Record):
     """PID controllers of a scenario.
 
-    axes: the controllers by axis, with the margins that each has while the other axes are held. keys: the keys of the
-    scenario that the tuning decides. changes: these and the given ones, as `simulate` takes them. point: the whole
-    machine under all controllers, linear about the start, with its margins.
+    axes: the controllers by axis, with their margins while the other axes are held. keys: the keys of the scenario
+    that the tuning sets. changes: these and the given keys, for `simulate`. point: the whole machine with all
+    controllers, linearised about the start, with its margins. assumptions: of the machine, and the given changes.
     """
 
     axes: Mapping[str, TunedPID]
     keys: Mapping[str, Any]
     changes: Mapping[str, Any]
     point: LinearPoint
+    assumptions: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Plain]:
         """The tuning as plain Python."""
         axes = {axis: tuned.margins for axis, tuned in self.axes.items()}
         loop = {"stable": self.point.loop.stable, "margins": self.point.margins}
-        return plain_items(
-            keys=self.keys, margins_alone=axes, loop=loop, assumptions=self.point.linear.assumptions
-        )
+        return plain_items(keys=self.keys, margins_alone=axes, loop=loop, assumptions=self.assumptions)
 
 
 def tune_axes(
@@ -60,15 +59,15 @@ def tune_axes(
 ) -> Tuning:
     """Tune a PID controller for each of these axes, on the scenario's machine about its start.
 
-    Each axis is tuned alone, with the delay of the control task and the sensors' scans, while the other axes are held.
-    A body that may turn does so about the axis that goes with x or y. Of a PID controller in the scenario the gains and
-    times change, and the rest stays; of another controller its limits stay.
+    Each axis is tuned alone, with the delay of the control task and the sensors' scans, while the other axes are
+    held. A body that may turn rotates about y for x, and about x for y. Tuning changes the gains and times of a PID
+    controller in the scenario and keeps its other keys; it replaces another controller and keeps its limits.
 
     Parameters
     ----------
     scenario
-        Path of the file, or the name of a shipped scenario. A coupled controller gives way to controllers of the axes;
-        those that are not tuned are then constant.
+        Path of the file, or the name of a shipped scenario. Controllers of the axes replace a coupled controller;
+        axes that are not tuned are then constant.
     axes
         Among "z" (the depth), "x" and "y".
     changes
@@ -76,7 +75,7 @@ def tune_axes(
     field_map, device
         As in `simulate`.
     **asked
-        Margins, crossover, N and integration, as of `fieldmap.control.tune_pid`.
+        Margins, crossover, N and integration, as for `fieldmap.control.tune_pid`.
 
     Returns
     -------
@@ -86,7 +85,7 @@ def tune_axes(
     Raises
     ------
     Infeasible
-        For margins that cannot be had, as of `tune_pid`; the problem names the axis.
+        For margins that are not possible, as from `tune_pid`; the problem names the axis.
     ScenarioError, MapFileError, InputError, NoEquilibrium
         As in `prepare`.
 
@@ -121,18 +120,18 @@ def tune_axes(
             keys |= _changed(f"control.{axis}", table, before)
     changes = given | keys
     (point,) = linear_points(prepare(read_scenario(scenario, changes), field_map, device))
-    return Tuning(found, keys, changes, point)
+    return Tuning(found, keys, changes, point, (*point.linear.assumptions, *read.changed()))
 
 
 def pid_table(axis: str, pid: PID) -> dict[str, Any]:
-    """The controller of an axis as a table of a scenario, where that of the depth acts on minus the error."""
+    """The controller of an axis as a table of a scenario. The controller of the depth acts on minus the error."""
     sign = 1.0 if pid.acts_on_minus_error == (axis == "z") else -1.0
     times = {"Ti_s": pid.Ti, "Td_s": pid.Td, "Tf_s": pid.Tf}
     return {"kind": "pid", "Kc": sign * pid.Kc, **times, "c": pid.c, "integration": pid.integration}
 
 
 def _changed(key: str, table: dict[str, Any], before: Any) -> dict[str, Any]:
-    """What turns the controller of the scenario at a key into the one of this table."""
+    """Changes of keys that replace the controller of the scenario at a key by this table."""
     if before.kind == "pid":
         differs = (name for name, value in table.items() if getattr(before, name) != value)
         return {f"{key}.{name}": table[name] for name in differs}
@@ -156,7 +155,7 @@ def _plants(experiment: Experiment) -> tuple[Callable[[str], StateSpace], float]
         A = np.zeros((order + 1 + late, order + 1 + late))
         A[:order, : order + 1] = np.hstack([sampled.A, sampled.before[:, u]])
         now = np.append(sampled.C[place], 0.0)
-        # What is seen is a sum over the samples before, the latest first.
+        # A reading is a sum over earlier samples, latest first.
         A[order + 1 :, order + 1 :] = np.eye(late, k=-1)
         A[order + 1 : order + 2, : order + 1] = now
         B = np.concatenate([sampled.B[:, u], [[1.0]], np.zeros((late, 1))])

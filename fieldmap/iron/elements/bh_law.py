@@ -1,4 +1,4 @@
-"""B(H) laws as the solvers evaluate them: piecewise cubics through the points that each material's law hands out."""
+"""B(H) laws as the solvers evaluate them: piecewise cubics through the points of each material's law."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ class LawTables(Record):
         return self.offset, self.knots, self.coefficients
 
     def flux_density(self, h: Array, law: Index) -> tuple[Array, Array]:
-        """b and db/dh at h >= 0 for laws with these numbers; all of one shape."""
+        """b and db/dh at h >= 0; h, the numbers of the laws and both results have one shape."""
         b, slope = flux_densities(h.ravel(), law.ravel(), self.arrays)
         return b.reshape(h.shape), slope.reshape(h.shape)
 
@@ -47,7 +47,7 @@ class LawTables(Record):
 
 
 PACKED = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
-"""Where the entries of a symmetric matrix stand among its six, xx, xy, xz, yy, yz, zz."""
+"""Position of each entry (i, j) of a symmetric matrix in its packed form xx, xy, xz, yy, yz, zz."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -84,9 +84,9 @@ class Magnetisation(Record):
 def law_tables(materials: Sequence[Material], mu_r: float | None = None) -> LawTables:
     """Tables of the laws of materials, in their order. `mu_r` replaces the law of soft iron by a constant.
 
-    Raises InputError for a law that no iron follows.
+    Raises InputError for a law that is not physical.
     """
-    # Bodies of one material, of which there may be many, share its object.
+    # Many bodies may share one material object: its law is computed once.
     laws = {id(material): _law(material, mu_r) for material in {id(one): one for one in materials}.values()}
     pieces = [laws[id(material)] for material in materials]
     offset = np.concatenate([[0], np.cumsum([len(knots) for knots, _, _ in pieces])]).astype(np.int64)
@@ -117,8 +117,8 @@ def _law(material: Material, mu_r: float | None) -> tuple[Array, Array, tuple[fl
 
 
 def _cubics(points: LawPoints) -> tuple[Array, Array]:
-    """Knots (k,) and coefficients (k, 4) of b(h), in T, through points of J with given slopes, limited so that J never
-    falls; beyond the last, J stays."""
+    """Knots (k,) and coefficients (k, 4) of b(h), in T. J goes through points with given slopes, which are limited so
+    that J never falls; beyond the last point J is constant."""
     field, polarisation = points.field, points.polarisation
     secant = np.diff(polarisation) / np.diff(field)
     slope = np.maximum(points.slope, 0.0)

@@ -9,14 +9,14 @@ air outweighs the iron, and the unknown is the outward flux x = S M l, with l = 
     x + S T x = S M K^-1 r + S const,      T = M K^-1 M^T,      sum of x over each magnetic body = 0.
 
 A factor 1 / nu of the faces' own bodies brings this operator close to a multiple of the identity: for a mode of
-magnetisation with demagnetising factor D the left side is 1 + nu (1 - D) / D. K is singular for constants;
-they follow from the zero net flux.
+magnetisation with demagnetising factor D the left side is 1 + nu (1 - D) / D. K is singular: a constant potential on
+each magnetic body is left open, and follows from the body's zero net flux.
 
 The elements are second-order flux elements on the iron's tetrahedra (Brezzi, Douglas and Marini), hybridised. The flux
-density is linear in every element and free of divergence; its normal component is linear on every face. What makes
-neighbours agree about it are potentials on the faces, linear as well: the only unknowns left, three a face. The coil
-field is that of `fieldmap.iron.elements.nodal_elements`: free of curl by construction, so that flux around a closed
-circuit is driven by the exact circulation, however permeable the iron.
+density is linear in every element and free of divergence; its normal component is linear on every face. Linear
+potentials on the faces make this component continuous between neighbours. They are the only unknowns, three per face.
+The coil field comes from `fieldmap.iron.elements.nodal_elements`. It is free of curl by construction, so that the exact
+circulation drives the flux around a closed circuit, however permeable the iron.
 """
 
 from collections.abc import Callable
@@ -36,9 +36,9 @@ from fieldmap.kernels.iron import linear_flux
 from fieldmap.threads import over_rows
 from fieldmap.typing import Array, Index
 
-# By face, its potential, and point.
+# Shape functions (4, 3, 4) by face, potential of the face, and point.
 _SHAPE = linear_flux.SHAPE.reshape(4, 3, 4)
-# Of flows through the faces at the points: their moments.
+# Takes normal flows at each face and point (16,) to their moments (12,).
 _MOMENTS = np.einsum("fiq,fa->aqfi", _SHAPE, np.eye(4)).reshape(16, 12)
 
 
@@ -46,9 +46,9 @@ _MOMENTS = np.einsum("fiq,fa->aqfi", _SHAPE, np.eye(4)).reshape(16, 12)
 class FluxElements(Elements):
     """Unknown 3 f + i is the potential of face f at its corner i.
 
-    unknowns (e, 12): those of the elements, see `fieldmap.kernels.iron.linear_flux`; area (e, 4, 3): outward area
-    vectors; volume (e,); count: number of unknowns; face_mean (s, n): takes them to their means over the surface
-    faces; nodal: the elements that carry the coil field.
+    unknowns (e, 12): numbers of each element's unknowns, see `fieldmap.kernels.iron.linear_flux`; area (e, 4, 3):
+    outward area vectors; volume (e,); count: number of unknowns; face_mean (s, n): takes the unknowns to their means
+    over the surface faces; nodal: the elements that carry the coil field.
     """
 
     work = 80.0
@@ -86,13 +86,13 @@ class FluxElements(Elements):
         return self.nodal.node_points
 
     def elimination_order(self) -> Index:
-        """Order (n,) in which the unknowns are eliminated: that of nested dissection for the faces, all three of one
-        face together."""
+        """Order (n,) in which the unknowns are eliminated: faces by nested dissection, the three unknowns of a face
+        together."""
         faces = ElementSums(self.unknowns[:, ::3] // 3, self.count // 3)
         return (3 * nested_dissection(faces.pattern)[:, None] + np.arange(3)).ravel()
 
     def coil_field_at_points(self, field: Array) -> Array:
-        """t as it is."""
+        """t itself: these elements keep it at the points."""
         return field
 
     def no_field(self) -> Array:
@@ -104,8 +104,8 @@ class FluxElements(Elements):
         return self.nodal.coil_field_at_points(self.nodal.coil_field(field, symmetry))
 
     def from_nodal(self, potential: Array) -> Array:
-        """Face potentials (n, c) closest to nodal potentials (k, c): of each face the linear part of the second-order
-        function on it, in the mean-square sense."""
+        """Face potentials (n, c) closest to nodal potentials (k, c): on each face the linear function that is closest
+        to the second-order one in the mean square."""
         values = potential[self.nodal.nodes]
         out = np.zeros((self.count, potential.shape[1]))
         for face, corners in enumerate(linear_flux.CORNERS):
@@ -124,7 +124,7 @@ class FluxElements(Elements):
         return np.concatenate([field, more])
 
     def residual(self, potential: Array, field: Array, source: int, material: Magnetisation) -> Array:
-        """Element vectors (e, 12): the outward moments of the flux density, less those of the coil field in air."""
+        """Element vectors (e, 12): outward moments of the flux density, less the moments of the coil field in air."""
         h = self._strength(potential, field, source, material)
         flow = self.area @ np.swapaxes(
             h + material.polarisation(h, source) - self._in_air(field[source]), 1, 2
@@ -132,14 +132,14 @@ class FluxElements(Elements):
         return (flow.reshape(-1, 16) @ _MOMENTS).reshape(-1, 12)
 
     def _in_air(self, field: Array) -> Array:
-        """What flows (e, 4, 3) if the iron is air: the part of a field (e, 4, 3) that is free of divergence."""
+        """Flux density (e, 4, 3) if the iron is air: the divergence-free part of a field (e, 4, 3)."""
         spread = _SHAPE.sum(axis=1).T @ self.area
         share = np.einsum("eqk,eqk->e", spread, field) / np.einsum("eqk,eqk->e", spread, spread)
         return field - share[:, None, None] * spread
 
     def tangent(self, potential: Array, field: Array, source: int, material: Magnetisation) -> Array:
-        """Element matrices (e, 12, 12): minus the derivative of these moments by the potentials. Symmetric; zero for
-        equal potentials on all faces, positive otherwise."""
+        """Element matrices (e, 12, 12): minus the derivative of the residual by the potentials. They are symmetric,
+        and positive but for equal potentials on all faces."""
         permeability = material.susceptibility(self._strength(potential, field, source, material)) + UNIT
         out = np.zeros((*self.unknowns.shape, 12))
         given = (permeability, linear_flux.SHAPE, self.area, self.volume, out)
@@ -152,7 +152,7 @@ class FluxElements(Elements):
         return np.stack([self._strength(potential[:, c], field, c, material) for c in sources])
 
     def _strength(self, potential: Array, field: Array, source: int, material: Magnetisation) -> Array:
-        """mu0 H (e, 4, 3) for potentials (n,); rows in order, for which alone the kernel is compiled."""
+        """mu0 H (e, 4, 3) for potentials (n,). The kernel is compiled for contiguous arrays only."""
         out = np.empty((len(self.volume), 4, 3))
         values, coils = np.ascontiguousarray(potential), np.ascontiguousarray(field[source])
         elements = (linear_flux.SHAPE, self.area, self.volume, self.unknowns)
@@ -169,8 +169,8 @@ def _means(faces: Index, count: int) -> csr_matrix:
 
 
 class SurfaceFluxSystem:
-    """K and S of one mesh and material. unknowns (n,): the magnetic body (a connected piece) that unknowns belong to;
-    reluctivity (s,): of the elements below the surface faces."""
+    """K and S of one mesh and material. unknowns (n,): the magnetic body (a connected piece) of each unknown;
+    reluctivity (s,): 1 / mu_r of the elements at the surface faces."""
 
     def __init__(self, stiffness: csr_matrix, form: "FluxForm", unknowns: Index, reluctivity: Array) -> None:
         self._mean, self._exterior, self._body = form.elements.face_mean, form.exterior, unknowns
@@ -189,7 +189,7 @@ class SurfaceFluxSystem:
     def solve(self, right: Array, tolerance: float, max_steps: int) -> tuple[Array, list[Array]]:
         """l (n, c) for r (n, c), whose sum over each body is zero; and the residual norms (c,) after each step.
 
-        An error of x counts 1 / mu_r times in l: what the first pass leaves is solved for once more.
+        An error of x enters l multiplied by 1 / mu_r, so a second pass solves for the residual of the first.
         """
         potential, history = self._pass(right, tolerance, max_steps)
         air = self._mean.T @ self._exterior.flux(self._mean @ potential)
@@ -215,12 +215,12 @@ class SurfaceFluxSystem:
         return potential
 
     def _without_net_flux(self, flux: Array) -> Array:
-        """Scale, and remove what constants make: the result has zero sum over each body, to rounding."""
+        """Scale, and remove the flux of constant potentials: the sum over each body is zero, to rounding."""
         value = self._scale * flux
         return value - self._scale * self._flux_of_constants @ (self._net @ (self._sums.T @ value))
 
 
-# Thin plates have modes of very small demagnetising factors: a barrier of 60 : 1 takes 85 steps.
+# Largest number of Krylov steps. Plates have modes of very small demagnetising factors: one of 60 : 1 takes 85 steps.
 _MAX_STEPS_OF_WEAK_BODIES = 250
 
 

@@ -54,12 +54,12 @@ class CoilField(Record):
 
 
 class Elements(Record):
-    """What both families of elements have in common, of k unknowns each: coil_field(field, symmetry), flux densities
-    field(points (n, 3)) -> (c, n, 3) in T as a field in the iron; residual(potential (n,), field, source, material),
-    element vectors (e, k) of the inside's share of R; tangent of the same, matrices (e, k, k) of minus its derivative;
-    strength_at_points(potential (n, c), field, material), mu0 H (c, e, 4, 3) at the four points of every element.
+    """Interface of both families of elements, with k unknowns per element. coil_field(field, symmetry): flux densities
+    field(points (n, 3)) -> (c, n, 3) in T, as a field in the iron; residual(potential (n,), field, source, material):
+    element vectors (e, k) of the iron's part of R; tangent(the same): matrices (e, k, k), minus the derivative of the
+    residual; strength_at_points(potential (n, c), field, material): mu0 H (c, e, 4, 3) at four points of every element.
 
-    work: of an element at its four points, as `over_rows` counts it.
+    work: cost of an element at its four points, in the unit of `over_rows`.
     """
 
     work: ClassVar[float]
@@ -105,12 +105,12 @@ class NodalElements(Elements):
         return self.nodes
 
     def elimination_order(self) -> Index:
-        """Order (n,) in which the nodes are eliminated: that of nested dissection for the mesh's points, with the
-        middle of an edge before the first of its ends.
+        """Order (n,) in which the nodes are eliminated: the mesh's points by nested dissection, and the middle of an
+        edge just before the end that comes first.
 
-        Two edges of one tetrahedron whose first ends lie on different sides of a separator cannot be: those ends are
-        neighbours. So the separators of the points, with the edges between them, separate the edges' middles as well,
-        and the graph has a fifth of the nodes.
+        The first ends of two edges of one tetrahedron are neighbours or equal: no separator lies between them. The
+        separators of the points, with the edges between them, therefore separate the edges' middles as well, and the
+        graph of the points has only a fifth of the nodes.
         """
         corners = ElementSums(self.nodes[:, :4], len(self.points))
         rank = np.empty(len(self.points), np.int64)
@@ -136,8 +136,8 @@ class NodalElements(Elements):
     def coil_field(self, field: FieldOfPoints, symmetry: MeshSymmetry | None = None) -> CoilField:
         """t of flux densities field(points (n, 3)) -> (c, n, 3), in T; they must be free of curl in the iron.
 
-        symmetry: of the mesh, where the fields are those of the device's coils, one after the other: what one operation
-        maps onto another edge and coil is not computed twice.
+        symmetry: of the mesh; give it only if the fields are those of the device's coils, in their order. Edges and
+        coils that the operations map onto each other are then computed once.
         """
         first, second = self._half_circulations(field, symmetry)
         bubble = np.zeros((len(first), self.count))
@@ -149,13 +149,13 @@ class NodalElements(Elements):
         """Lowest-order edge functions (e, 6, 3) at the centroids."""
         # Stored edges run from the smaller to the larger point number.
         sign = np.where(self.nodes[:, TET_EDGES[:, 0]] < self.nodes[:, TET_EDGES[:, 1]], 1.0, -1.0)
-        # Of (a, b): (grad l_b - grad l_a) / 4.
+        # The function of edge (a, b) there is (grad l_b - grad l_a) / 4.
         shape = 0.25 * (self.gradients[:, TET_EDGES[:, 1]] - self.gradients[:, TET_EDGES[:, 0]])
         return np.asarray(sign[..., None] * shape)
 
     def tested_by_circulations(self, vectors: Array) -> tuple[Array, Array]:
-        """How sums of vectors (c, e, 4, 3) at the four points of every element times t there follow its circulations
-        along the first and the second half of every edge: (c, m) each."""
+        """Derivatives of the sum of v . t over the four points of every element, for vectors v (c, e, 4, 3), by the
+        circulations of t along the first and the second half of every edge: (c, m) each."""
         bubble = self.tested(vectors)[:, len(self.points) :]
         of_elements = np.einsum("ced,emd->cem", vectors.sum(axis=2), self._edge_functions(), optimize=True)
         number = (self.nodes[:, 4:] - len(self.points)).ravel()
@@ -163,7 +163,7 @@ class NodalElements(Elements):
         return along + 0.5 * bubble, along - 0.5 * bubble
 
     def node_images(self, corners: Index) -> Index:
-        """Images (n,) of all nodes, from those of the mesh's points: the midpoints' are those of their edges."""
+        """Images (n,) of all nodes, given the images of the mesh's points; midpoints move with their edges."""
         count = len(self.points)
         ends = np.sort(corners[self.edges], axis=1)
         number = np.searchsorted(edge_keys(self.edges, count), edge_keys(ends, count))
@@ -173,7 +173,7 @@ class NodalElements(Elements):
         """Line integrals (c, m) of the field along both halves of every edge."""
         if symmetry is None:
             return half_circulations(field, self.points, self.edges, POINTS_PER_HALF)
-        # Flux density is an axial vector: a circulation is multiplied by det(M) where the edge is moved by M.
+        # Flux density is an axial vector: an operation M that moves an edge multiplies its circulation by det(M).
         count, moves = len(self.points), []
         for corners, operation in zip(symmetry.node_images, symmetry.group.operations, strict=True):
             if operation.coils is not None:
@@ -253,8 +253,8 @@ class NodalElements(Elements):
 
 
 def half_rule(count: int) -> tuple[Array, Array]:
-    """Places (q,) along an edge, from 0 to 1, and weights (q,) of a rule of `count` points for each half of it, the
-    first half before the second."""
+    """Places (q,) along an edge, from 0 to 1, and weights (q,): `count` Gauss points on the first half of the edge,
+    then on the second."""
     x, w = np.polynomial.legendre.leggauss(count)
     return np.concatenate([(x + 1) / 4, (x + 3) / 4]), np.concatenate([w, w]) / 4
 
@@ -292,10 +292,10 @@ def shape_gradients(barycentric: Array, gradients: Array) -> Array:
 
 
 def _middles_and_means(triangles: Index, edges: Index, corners: int) -> tuple[Index, csr_matrix]:
-    """Nodes (k, 3) in the middles of the sides of triangles (k, 3), and the means (k, n) over these."""
+    """Nodes (k, 3) in the middles of the sides of triangles (k, 3), and the matrix (k, n) of means over triangles."""
     sides = np.sort(triangles[:, [[0, 1], [1, 2], [0, 2]]], axis=2)
     middles = corners + np.searchsorted(edge_keys(edges, corners), edge_keys(sides, corners))
-    # The mean of a second-order function over a triangle is that of its three midpoint values.
+    # The mean of a second-order function over a triangle is the mean of its three midpoint values.
     rows = np.repeat(np.arange(len(triangles)), 3)
     shape = (len(triangles), corners + len(edges))
     return middles, csr_matrix((np.full(rows.size, 1 / 3), (rows, middles.ravel())), shape=shape)

@@ -10,17 +10,17 @@ construction, B only in the mean: the complement of the flux form (`fieldmap.iro
 the other sign in closed magnetic circuits.
 
 The air is an operator on the iron's surface. The potential phi of the iron's own field is continuous; outside it is
-harmonic and decays. A layer of charge q on the surface faces makes it: W q = m, the means of phi over the faces. The
-layer's charge is the sum of the normal derivatives on both sides, so that the flux that leaves through the faces into
-the air is
+harmonic and decays. A layer of charge q on the surface faces generates it: W q = m, where m are the means of phi over
+the faces. The layer's charge is the sum of the normal derivatives on both sides, so that the flux that leaves through
+the faces into the air is
 
     x = W^-1 m - N^-1 m,      m = M phi,      N = M K^-1 M^T,
 
-where N^-1 m is the flux into the iron, were it air, of the smoothest second-order potential with these face means
-(K: the iron's stiffness at mu_r = 1). Both terms see phi through its face means only: potentials without face means
-add nothing. S = M^T (W^-1 - N^-1) M is therefore positive up to the discretisation error, and the whole functional
-stays convex however saturated the iron is. (With the plain Schur complement of K in place of N^-1, modes that W does
-not resolve would be negative, and Newton's method fails beyond 2.4 T.)
+where N^-1 m is the flux into the iron, if it were air, of the smoothest second-order potential with these face means
+(K: the iron's stiffness at mu_r = 1). Both terms depend on phi through its face means only: potentials with zero face
+means add nothing. S = M^T (W^-1 - N^-1) M is therefore positive up to the discretisation error, and the whole
+functional stays convex however saturated the iron is. (With the plain Schur complement of K in place of N^-1, modes
+that W does not resolve would be negative, and Newton's method fails beyond 2.4 T.)
 
 N^-1 m = y is found by the method of multipliers (Hestenes, J. Optim. Theory Appl. 4 (1969) 303): with a weight D,
 
@@ -29,13 +29,13 @@ N^-1 m = y is found by the method of multipliers (Hestenes, J. Optim. Theory App
 in two steps from zero. The matrix has the pattern of K and is positive definite. The factor of the saddle-point matrix
 of K and M took more than three times the memory and eighteen times the work at 73 000 faces.
 
-For N the iron's elements are air. N^-1 takes away the flux that the charges of the surface drive inside the iron, were
-it air: W and N must give the same flux there. At the rim of a sheet that is thinner than its elements are wide they do
-not. Take a potential that differs between both sides of the rim. In the elements of the sheet it falls off over their
-whole width h, and its energy is h / (3 g) and more; for charges the energy grows with the logarithm of h / g. N^-1
-would take away the sheet's own stiffness there, and flux would crowd through its rim (a magnet 10 um above a plate:
-1.4 to 2.6 times the true flux density in the outermost elements). Elements at such a rim are therefore softer in N, by
-g / h; where they are as narrow as the gap they are air.
+In N the iron's elements are air. N^-1 m is the flux that the surface charges drive inside the iron, so W and N
+must give the same flux there. They do not at the rim of a sheet (thickness g) that is thinner than its elements are
+wide (h). Take a potential that differs between both sides of the rim. In the elements of the sheet it falls off over
+their whole width h, and its energy is h / (3 g) and more; for charges the energy grows with the logarithm of h / g.
+N^-1 would subtract the sheet's own stiffness there, and flux would crowd through its rim (a magnet 10 um above a plate:
+1.4 to 2.6 times the true flux density in the outermost elements). Elements at such a rim therefore have the
+permeability g / h in N, and 1 if they are narrower than the gap.
 
 Flux linkage and co-energy of the iron follow from the fields inside it: docs/theory/forces.md (4), (5).
 """
@@ -68,7 +68,7 @@ from fieldmap.typing import Array
 
 
 def vacuum(iron: AssembledIron) -> Magnetisation:
-    """Air in all elements, for one source; less permeable, by g / h, where it stands for the rims of sheets."""
+    """Air in all elements, for one source; with the permeability g / h at the rims of sheets."""
     mesh, topology = iron.mesh, iron.topology
     first = len(mesh.body_names) - len(mesh.sheets)
     outer = np.zeros(len(mesh.points), bool)
@@ -86,9 +86,9 @@ def vacuum(iron: AssembledIron) -> Magnetisation:
     return Magnetisation(law, tables, np.zeros((1, len(law), 3)))
 
 
-# The weight D of a face times the mean potential on it of a unit charge on it. Each step gains three digits or more
-# (measured: 5e-4 and 4e-7 for random face means, 2e-5 and 8e-9 for smooth ones); rounding takes away five of the
-# sixteen.
+# The weight D of a face, times the mean potential that a unit charge on the face makes on it. Each step gains three
+# digits or more (measured errors after one and two steps: 5e-4 and 4e-7 for random face means, 2e-5 and 8e-9 for
+# smooth ones). Rounding costs five of the sixteen digits.
 _WEIGHT = 1e5
 _STEPS = 2
 
@@ -123,7 +123,7 @@ class Exterior:
         return self._mutual.solve(means, refinements) - self._inward(means)
 
     def smoothest(self, potential: Array) -> Array:
-        """The smoothest potentials (n, c), in the norm of K, with the face means of these (n, c)."""
+        """The smoothest potentials (n, c), in the norm of K, with the same face means as potentials (n, c)."""
         means = self._mean @ potential
         flux = self._inward(means)
         return self._vacuum.solve(self._mean.T @ (self._weight * means + flux))
@@ -166,8 +166,8 @@ class SolvedPotential(Record):
 
 
 class ConvexForm:
-    """One mesh with elements of either family, nodal or flux: Krylov and Newton on R. name: of the form, for reports;
-    elements: they also define the type of the coil field inside the iron, `field`."""
+    """One mesh with nodal or flux elements: R is solved by Krylov and Newton iterations. name: of the form, for
+    reports; elements: they also define the type of the coil field inside the iron, `field`."""
 
     name: ClassVar[str]
     elements: Any
@@ -180,8 +180,8 @@ class ConvexForm:
         stiffness = self._tangent_entries(np.zeros(elements.count), nothing, vacuum(iron))
         self.exterior = Exterior(elements.face_mean, iron.mutual, self._sums, stiffness)
         one = np.ones((elements.count, 1))
-        # The iron's stiffness maps constants to zero. In the preconditioner a mass matrix on the surface, as large as
-        # the capacity of the body, stands for S.
+        # The iron's stiffness maps constants to zero. The preconditioner replaces S by a mass matrix on the surface,
+        # scaled to the capacity of the body.
         capacity = float((one.T @ self.exterior.apply(one))[0, 0])
         mass = elements.face_mean.T @ iron.surface.areas
         self._capacity = mass * (capacity / mass.sum())
@@ -198,8 +198,8 @@ class ConvexForm:
         return self.state(potential, field, material, residuals)
 
     def magnetised(self, tangent: csr_matrix, material: Magnetisation, tolerance: float) -> Magnetised:
-        """How a state with this tangent answers small fields that have a potential. The air to three digits, symmetric
-        all the same. Raises NotConverged when it is called."""
+        """The response of a state with this tangent to small fields that have a potential. S is applied to three
+        digits, and stays symmetric. The function that is returned raises NotConverged."""
         solver = self._linear_solver(tangent, material, tolerance, rough=True)
         drive = self._drive(tangent, material)
 
@@ -211,7 +211,7 @@ class ConvexForm:
         return charges
 
     def _drive(self, tangent: csr_matrix, material: Magnetisation) -> Callable[[Array], Array]:
-        """From nodal values (k, c) of the potentials of fields to the residuals (n, c) that they make."""
+        """A function from nodal values (k, c) of potentials to the residuals (n, c) that their fields cause."""
         raise NotImplementedError
 
     def solve(
@@ -228,7 +228,7 @@ class ConvexForm:
         phi = np.zeros(self.elements.count) if start is None else start[:, 0].copy()
         scale, residuals = 0.0, []
         factor: SparseFactor | None = None
-        # The air is linear: its share of the residual is carried along instead of computed anew.
+        # The air is linear: its part of the residual is updated with the step, not computed anew.
         air = self.exterior.apply(phi[:, None])[:, 0]
         inner = self._residual(phi, field, 0, material)
         for _ in range(_MAX_NEWTON_STEPS):
@@ -243,7 +243,7 @@ class ConvexForm:
             entries = self._tangent_entries(phi, field, material)
             factor = self._factor(entries)
             first = factor.solve(right)
-            # The energy norm of the residual, relative to that of the coils' drive.
+            # The energy norm of the residual, relative to the norm of the coils' drive.
             norm = _energy_norm(right, first)
             if scale == 0.0:
                 drive = inner if start is None else self._residual(np.zeros_like(phi), field, 0, material)
@@ -256,7 +256,7 @@ class ConvexForm:
             def operator(x: Array, factor: SparseFactor = factor, stiffness: csr_matrix = stiffness) -> Array:
                 return factor.solve(stiffness @ x + self.exterior.apply_roughly(x))
 
-            # The linear solve needs only as many digits as the Newton step is good for.
+            # The linear solve need not be more accurate than the Newton step.
             worth = min(0.1, max(1e-4, residuals[-1]))
             step = block_gmres(operator, first[:, None], worth, _MAX_LINEAR_STEPS)[0][:, 0]
             air_step = self.exterior.apply(step[:, None])[:, 0]
@@ -285,8 +285,8 @@ class ConvexForm:
     def corrections(
         self, material: Magnetisation, fields: Sequence[Any], potential: Array, air: Array, tolerance: float
     ) -> Array:
-        """What one step of Newton's method would add (n, s) to potentials (n, s) of s sources. The tangent without
-        sources is used for all; air: S phi (n, s), as the exterior gives it. Raises NotConverged."""
+        """Newton corrections (n, s) of potentials (n, s) of s sources. All use the tangent without sources; air: S phi
+        (n, s) by `Exterior.apply`. Raises NotConverged."""
         zero = np.zeros(self.elements.count)
         stiffness = self.tangent(zero, self.elements.no_field(), material)
         columns = [np.ascontiguousarray(values) for values in potential.T]
@@ -295,7 +295,7 @@ class ConvexForm:
         return self._solve_linear_system(stiffness, material, right, tolerance)
 
     def _factor(self, entries: Array) -> SparseFactor:
-        """Factor of a tangent, with the capacity in place of the air: a preconditioner, for which three digits do."""
+        """Factor of a tangent, with the capacity in place of the air: a preconditioner, to three digits."""
         with_air = entries.copy()
         with_air[self._sums.diagonal] += self._capacity
         return self._sums.rough_factor(with_air)
@@ -394,7 +394,7 @@ class PotentialForm(ConvexForm):
         super().__init__(iron, NodalElements.from_mesh(iron.mesh, iron.topology))
 
     def _drive(self, tangent: csr_matrix, material: Magnetisation) -> Callable[[Array], Array]:
-        # A field -grad u drives by int (db/dh - 1) (-grad u) . grad v: nodal values of u say all of it.
+        # The residual of a field -grad u is int (db/dh - 1) (-grad u) . grad v: only nodal values of u are needed.
         none = np.zeros(self.elements.count)
         less = self.tangent(none, self.elements.no_field(), vacuum(self.iron)) - tangent
         return lambda values: less @ values
@@ -433,7 +433,7 @@ def _energy_norm(residual: Array, step: Array) -> float:
 def linkage_and_coenergy(
     volume: Array, material: Magnetisation, strength: Array, coils: Array, unit: Array
 ) -> tuple[Array, Array]:
-    """What the iron adds to flux linkages (c, s) in Wb and to the co-energy (s,) in J.
+    """The iron's parts of the flux linkages (c, s) in Wb and of the co-energy (s,) in J.
 
     At the four points of every element, in T: strength (s, e, 4, 3), mu0 H of s solved sources; coils (s, e, 4, 3):
     field of their coils alone; unit (c, e, 4, 3): field of one ampere in each of c coils. The linkage is the exact
@@ -461,12 +461,12 @@ def iron_differential_inductance(
     unit: CoilField,
     tolerance: float,
 ) -> Array:
-    """What the iron adds to the matrix of linkage derivatives (c, c) in H, at a state with nodal potential (n,) in the
+    """The iron's part of the matrix of linkage derivatives (c, c) in H, at a state with nodal potential (n,) in the
     field of its coils.
 
-    unit: the fields t_k of one ampere in each coil. With the tangent D = db/dh of the state, the potential follows the
-    current of coil j by p_j, (K + S) p_j = int (D t_j - t_j) . grad v, and d lambda_k / d I_j = 1/mu0 int (D - 1)
-    (t_j - grad p_j) . t_k. Raises NotConverged.
+    unit: the fields t_k of one ampere in each coil. With the tangent D = db/dh of the state, the derivative p_j of the
+    potential by the current of coil j solves (K + S) p_j = int (D t_j - t_j) . grad v. Then
+    d lambda_k / d I_j = 1/mu0 int (D - 1) (t_j - grad p_j) . t_k. Raises NotConverged.
     """
     response = form.sensitivities(potential, field, material, unit, tolerance)
     elements, t = form.elements, form.elements.coil_field_at_points(unit)

@@ -2,11 +2,10 @@
 
 In the potential form h is linear in each element, in the flux form b.
 
-Bodies on both sides of thin drawn gaps have a surface and charges of their own. The solver takes the air in such a gap
-for a sheet of the iron's mesh. Forces on one side need the bodies apart: the potential is known on all of their faces,
-those at the gap among them, and charges that make it follow as they do in the air
-(`fieldmap.iron.elements.potential_form`). The faces on both sides of a gap are equal, so that what little the
-potentials of facing charges differ by is found from points that lie opposite to each other.
+The solver treats the air in a thin drawn gap as a sheet of the iron's mesh. A force on one side of the gap needs the
+bodies apart, with a surface and charges for each. The potential is known on all of their faces, also at the gap, and
+determines the charges as in the air (`fieldmap.iron.elements.potential_form`). The faces on both sides of a gap are
+equal, so that the small differences between the potentials of facing charges are taken at opposite points.
 """
 
 from dataclasses import dataclass, replace
@@ -38,7 +37,7 @@ class SeparatedFaces(Record):
 
     @classmethod
     def of(cls, mesh: IronMesh) -> "SeparatedFaces":
-        """Of a mesh with sheets in drawn gaps."""
+        """The faces of a mesh with sheets in drawn gaps."""
         apart = mesh.without_drawn_sheets()
         topology = build_faces(apart.points, apart.tets)
         nodes = topology.nodes[topology.surface]
@@ -60,7 +59,7 @@ class SeparatedState(Record):
         scale = 1 / np.sqrt(np.diagonal(matrix))
         matrix *= scale
         matrix *= scale[:, None]
-        # Symmetric: the transposed one is the same matrix in Fortran's order.
+        # The matrix is symmetric: its transpose is the same matrix in Fortran's order.
         factor = matrix.T
         cholesky_in_place(factor)
         charge = scale[:, None] * cho_solve((factor, True), scale[:, None] * self.potential.T)
@@ -90,7 +89,7 @@ class IronState(Record):
     separated: SeparatedState | None = None
 
     def flux_density_at(self, element: Index, barycentric: Array) -> Array:
-        """B (c, n, 3) at points (n, 4) of elements (n,), see `ElementField`; where that is not kept, their means."""
+        """B (c, n, 3) at points (n, 4) of elements (n,), or the elements' means if the state was read from a file."""
         if self.inside is None:
             return self.flux_density[:, element]
         return self.inside.flux_density(element, barycentric)

@@ -7,8 +7,8 @@ outside all iron, the continuity of the normal flux density, tested with the fun
 
     sum_b mu_b S_b u + S_e (u - psi) = sum_b S_b psi + sum_b int b_r . n v dS.
 
-The right side holds psi alone, and S_b psi stands for the source's own flux. Flux that iron of mu_r = 1 would let
-through as well cancels exactly, so that u keeps its digits however permeable the iron is. Where the iron links
+The right side holds psi alone; S_b psi is the source's own flux. Flux that iron of mu_r = 1 would let through as well
+cancels exactly, so that u keeps its digits however permeable the iron is. Where the iron links
 currents, psi has jumps along cuts. The equation then holds a nodal psi without jumps, and the rest of the field is
 added separately (`Potentials`).
 """
@@ -34,10 +34,10 @@ from fieldmap.kernels.simplex_rules import triangle_rule
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
-# Points on every half edge for the circulations of the sources, and exactness of the rule on faces for their flux.
+# Gauss points on every half edge for the circulations of the sources; degree of the rule on faces for their flux.
 _POINTS_PER_HALF = 6
 _FLUX_DEGREE = 6
-# A loop links a current if the potential, followed round the loop, comes back off by more than this part of its range.
+# A loop links a current if the potential changes by more than this part of its range on the way round the loop.
 # For a winding the jump is about the whole range; near a winding quadrature errors are a thousandth of the range.
 _LINKED = 0.3
 _MAX_STEPS = 200
@@ -53,7 +53,7 @@ class Region(Record):
 
 
 def regions_of(surface: IronSurface, mu_r: Array, remanence: Array) -> tuple[Region, ...]:
-    """Join solids that touch and have one permeability and remanence; these are given of each body, (b,) and (b, 3)."""
+    """Join solids that touch and have one permeability and remanence; mu_r (b,), remanence (b, 3): of each body."""
     mu_r, remanence = mu_r[surface.body], remanence[surface.body]
     touching = surface.sides[surface.sides[:, 1] != AIR]
     one, other = touching.T
@@ -70,7 +70,7 @@ class SurfaceSources(Record):
     nodal: the linear function (p, c) without cuts that is closest in the mean square to their second-order potential
     psi (psi's own values at the points would make it too flat or too steep between them); linear: psi at the points;
     bubble (m, c): psi in the middle of the edges (m, 2) less the mean of their ends; missing (m, c): differences along
-    the edges that `linear` lacks, zero for sources whose currents the iron does not link; linked (c,): whether it does.
+    the edges that `linear` lacks, zero where the iron links no current; linked (c,): whether it links the source's.
     """
 
     nodal: Array
@@ -136,7 +136,7 @@ def _differences(edges: Index, count: int) -> csr_matrix:
 
 
 def _least_squares(gradient: csr_matrix, difference: Array) -> Array:
-    """Nodal values (n, c) whose differences come closest to those wanted; the mean of each connected part is zero."""
+    """Nodal values (n, c) with differences closest to the given ones; the mean of each connected part is zero."""
     laplacian = (gradient.T @ gradient).tocsc()
     part = connected_components(laplacian)[1]
     first = np.zeros(laplacian.shape[0])
@@ -262,7 +262,7 @@ class SurfaceForm:
         """Total potentials (p, c) for right sides (p, c), and the residuals of all steps.
 
         The preconditioner is 2 D. On a sphere S is 2 D times a factor between 3/4 and 3/2, and close to that on other
-        surfaces, whatever the mesh. Constants on closed surfaces, which D does not see, are solved for first; at large
+        surfaces, whatever the mesh. D maps constants on closed surfaces to zero. They are solved for first; at large
         mu_r they are nearly all of u.
         """
         mu_r = np.array([region.mu_r for region in self.regions])
@@ -306,7 +306,7 @@ class SurfaceForm:
         return (part[:, None] == numbers).astype(float)
 
     def _constants(self, nodal: Array, loops: Array) -> Array:
-        """What to add to the nodal potential of each closed surface, so that the sources' flux into it is zero."""
+        """Constants (p, c) on the closed surfaces: added to the nodal potential, they make the sources' flux zero."""
         ones = self._closed_surfaces
         if ones.shape[1] == 1:
             return np.zeros_like(nodal)
@@ -316,14 +316,14 @@ class SurfaceForm:
         return ones @ np.linalg.lstsq(coarse, -flux, rcond=1e-6)[0]
 
     def _lacking(self, side: Side, sources: SurfaceSources) -> Potentials:
-        """What the nodal potentials lack of the sources' field where the iron links their currents."""
+        """The part of the sources' field without a nodal potential, for sources whose currents the iron links."""
         own, count = side.surface, sources.nodal.shape[1]
         curl, means = np.zeros((len(own.triangles), 3, count)), np.zeros((len(own.triangles), count))
         if not sources.linked.any():
             return Potentials(curl, means)
         nodes = own.nodes[own.triangles]
         number = edge_numbers(sources.edges, nodes, len(self.surface.points))
-        # The potential of one corner is zero; those of the others follow along the edges that leave it.
+        # The potential is zero at one corner; the edges that leave it give the potential at the others.
         shape = corner_curls(own.faces)
         for k, opposite in ((1, 2), (2, 1)):
             sign = np.where(nodes[:, 0] < nodes[:, k], 1.0, -1.0)[:, None]

@@ -1,11 +1,11 @@
 """Whether a device's bodies, windings and workspace can exist together: every fault at once, with numbers.
 
-Refused: what cannot be built or has no volume, bodies that overlap, bodies whose common surface is no
+Refused: shapes that cannot be built or have no volume, bodies that overlap, bodies whose common surface is no
 manifold, bodies less than a micrometre apart, bodies with a mesh of their own that touch others elsewhere than in
 common faces, windings that cut iron or each other, currents, magnets and sensors in air that lie in a body, a workspace
-that cuts iron, a winding or a source in air. Contact by faces is sound. Allowed, and told by `geometry_notes`: a body
+that cuts iron, a winding or a source in air. Contact by faces is sound. Allowed, and listed by `geometry_notes`: a body
 in several pieces, windings that fill the very same space (two circuits wound together), a STEP file that declares
-another unit than the device file, a source in air whose place is not known.
+another unit than the device file, a source in air at an unknown place.
 """
 
 from __future__ import annotations
@@ -60,9 +60,9 @@ def check_geometry(device: Device) -> None:
 
 
 def geometry_notes(device: Device) -> tuple[str, ...]:
-    """What is allowed but worth knowing about the geometry.
+    """Notes on geometry that is allowed but unusual.
 
-    What the last `check_geometry` of this device saw, if there was one.
+    If `check_geometry` has examined this device, its findings are used again.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class _Findings:
     notes: tuple[str, ...]
 
 
-# A solve checks first and states the notes at its end: the solids are built and compared once.
+# Kept, because a solve checks first and states the notes at its end: the solids are built and compared once.
 _found_last: WeakKeyDictionary[Device, _Findings] = WeakKeyDictionary()
 
 
@@ -148,7 +148,7 @@ def _examine(device: Device) -> _Findings:
     remedy = "move or shorten one, or cut the overlap from it"
     refuse(overlapping, "bodies may touch but not overlap", remedy)
     if len(bodies) == len(device.bodies) > 0:
-        # A missing body might be the one that makes a contact sound, so contacts wait until all are there.
+        # A missing body might make a contact sound, so contacts are checked only if all bodies could be built.
         problems += _contact_problems(label, device, bodies, overlapping)
     remedy = "correct the winding's widths or place, or cut the body"
     refuse(contacts.overlaps(product(windings, bodies)), "a winding must not cut a body", remedy)
@@ -195,7 +195,7 @@ def _body_fault(label: str, body: Body, solid: contacts.NamedSolid) -> Problem |
 def _halves_add_up(body: contacts.NamedSolid) -> bool:
     """True where both halves of the body, cut through the middle, make up its volume along each axis.
 
-    A surface that crosses itself or is open gives the kernel's cut another volume than its integral does.
+    If a surface crosses itself or is open, the kernel's cuts and its integral give different volumes.
     """
     lower, upper = contacts.bounds(body.solid)
     lower, upper = lower - 1.0, upper + 1.0
@@ -217,7 +217,7 @@ def _box(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> shapes.occ.T
 
 
 def _same_space(overlap: contacts.Overlap) -> bool:
-    """True where both windings are all overlap: two circuits wound together."""
+    """True where the overlap is the whole of both windings: two circuits wound together."""
     windings = (overlap.first, overlap.second)
     return all(abs(winding.volume - overlap.volume) <= SAME_VOLUME * winding.volume for winding in windings)
 

@@ -1,8 +1,8 @@
 """How solids lie to each other: overlaps, sound contact by faces, and contact at edges and points or almost (mm).
 
 The surface of sound iron is a manifold: two of its faces meet at every edge, and the faces around every
-corner follow each other in one fan. Where bodies touch only along an edge or at a point it is not: flux would
-pass through a bridge without width, and edge quantities of the mesh would have two meanings there.
+corner follow each other in one fan. Contact only along an edge or at a point is not sound: flux would pass
+through a bridge without width, and edge quantities of the mesh would have two meanings there.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from fieldmap.records import Record
 from fieldmap.typing import Array
 
 CONTACT_DISTANCE = 1e-7
-"""mm. The kernel takes what is nearer than this for one point (Open CASCADE's Precision::Confusion): surfaces
+"""mm. The kernel takes points nearer than this for one point (Open CASCADE's Precision::Confusion): surfaces
 this near are in contact, and a common volume thinner than this is contact and no overlap."""
 
 
 @dataclass(frozen=True, repr=False)
 class NamedSolid(Record):
-    """A solid and what it is: kind "body", "winding" or "workspace", and its name in the device file."""
+    """A solid with its kind, as "body", "winding" or "workspace", and its name in the device file."""
 
     kind: str
     name: str
@@ -37,18 +37,18 @@ class NamedSolid(Record):
 
     @property
     def has_volume(self) -> bool:
-        """False of wires, sheets and points."""
+        """False for wires, sheets and points."""
         return bool(self.solid.solids)
 
     @cached_property
     def volume(self) -> float:
-        """Volume, mm^3. The kernel integrates it anew whenever it is asked."""
+        """Volume, mm^3. Kept, because the kernel integrates it anew at each call."""
         return float(self.solid.mass)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Overlap(Record):
-    """What two solids have in common: volume (mm^3) and the corners (3,) of the box around it (mm)."""
+    """The common part of two solids: volume (mm^3) and the corners (3,) of the box around it (mm)."""
 
     first: NamedSolid
     second: NamedSolid
@@ -57,7 +57,7 @@ class Overlap(Record):
     upper: Array
 
     def __str__(self) -> str:
-        # The kernel's boxes are wider than what they hold by its contact distance: 1e-6 mm is the last digit.
+        # The kernel's boxes are wider than their contents by its contact distance: 1e-6 mm is the last digit.
         corners = np.round([self.lower, self.upper], 6) + 0.0
         spans = (f"{axis} {a:.8g} to {b:.8g}" for axis, a, b in zip("xyz", *corners, strict=True))
         return f"{self.volume:.4g} mm^3 in common, within {', '.join(spans)} mm"
@@ -76,7 +76,7 @@ def bounds_nearer_than(a: occ.TopoDS_Shape, b: occ.TopoDS_Shape, distance: float
 
 
 def overlap_of(first: NamedSolid, second: NamedSolid) -> Overlap | None:
-    """What two solids have in common beyond contact, or None."""
+    """The common part of two solids, or None if they do not overlap."""
     if not bounds_nearer_than(first.solid, second.solid, 0.0):
         return None
     common = first.solid * second.solid
@@ -107,7 +107,7 @@ class Contact(Record):
 
 
 def contact_of(first: NamedSolid, second: NamedSolid) -> Contact | None:
-    """How near two shapes are to each other, if too near."""
+    """The contact of two shapes, or None if they are `LEAST_GAP` or more apart."""
     if not bounds_nearer_than(first.solid, second.solid, LEAST_GAP):
         return None
     distance = first.solid.Distance(second.solid)
@@ -117,7 +117,7 @@ def contact_of(first: NamedSolid, second: NamedSolid) -> Contact | None:
 
 
 def overlaps(pairs: Iterable[tuple[NamedSolid, NamedSolid]]) -> tuple[Overlap, ...]:
-    """What the two solids of each pair have in common, where they overlap."""
+    """The common parts of the pairs that overlap."""
     return tuple(overlap for pair in pairs if (overlap := overlap_of(*pair)) is not None)
 
 
@@ -144,7 +144,7 @@ class Pinch(Record):
 
 
 def pinches(glued: occ.TopoDS_Shape) -> tuple[Pinch, ...]:
-    """Where the surface of the glued solids is no manifold: one entry per kind and set of bodies."""
+    """Places where the surface of the glued solids is no manifold: one entry per kind and set of bodies."""
     owners: dict[occ.Face, list[str]] = defaultdict(list)
     for solid in glued.solids:
         for face in solid.faces:
@@ -169,7 +169,7 @@ def pinches(glued: occ.TopoDS_Shape) -> tuple[Pinch, ...]:
 def _fans(
     surface: Iterable[occ.Face], faces_at: dict[occ.Edge, list[occ.Face]]
 ) -> dict[occ.Vertex, list[set[occ.Face]]]:
-    """For every corner the groups of surface faces around it that hang together through its edges."""
+    """For every corner the groups of surface faces around it that are connected through edges."""
     fans: dict[occ.Vertex, list[set[occ.Face]]] = defaultdict(list)
     for face in surface:
         for corner in set(face.vertices):

@@ -1,8 +1,8 @@
 """Device shapes, STEP files, windings and workspaces as solids of the CAD kernel (Open CASCADE through netgen).
 
 Inside the kernel lengths are millimetres: its tolerances are absolute (1e-7), too coarse for a model in metres. Devices
-are in metres: the factor is applied here. A STEP file counts in the length unit that the device file gives it. The
-kernel is imported where it is first used: solutions and pictures are read and drawn without it.
+are in metres: the factor is applied here. The device file states the length unit of a STEP file. The kernel is
+imported at its first use, so that solutions can be read and pictures drawn without it.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ if not TYPE_CHECKING:
 
 
 def named(solid: occ.TopoDS_Shape, name: str) -> occ.TopoDS_Shape:
-    """The solid, all of whose pieces have this name."""
+    """The solid, with this name on all of its pieces."""
     for piece in solid.solids:
         piece.name = name
     return solid
@@ -58,13 +58,13 @@ def xyz(point: occ.gp_Pnt) -> Array:
 
 
 def kernel_errors() -> tuple[type[Exception], ...]:
-    """What is raised where a solid cannot be built: by the kernel, and ValueError by `shapes`."""
+    """The exceptions raised where a solid cannot be built: the kernel's, and ValueError by `shapes`."""
     return RuntimeError, occ.OCCException, ValueError
 
 
 _SI_LENGTH = re.compile(r"SI_UNIT\s*\(\s*([$.\w]+)\s*,\s*\.METRE\.")
 _SI_PREFIX = {"$": 1.0, ".MILLI.": 1e-3, ".CENTI.": 1e-2, ".DECI.": 1e-1, ".MICRO.": 1e-6, ".KILO.": 1e3}
-# In the kernel's own format, or an empty file where there is no solid.
+# Program for another process: writes a STEP file's solid in the kernel's format, or an empty file if there is none.
 _TO_BREP = """
 from netgen import occ
 limit()
@@ -112,8 +112,8 @@ def solid_of_step_file(path: Path, scale: float) -> occ.TopoDS_Shape:
     """The solid of a STEP file, mm: numbers in the file times `scale` are metres. Several solids are joined.
 
     The device file's scale decides; the kernel's own conversion from the unit that the STEP file declares is undone.
-    Another process reads the file and hands the solid over: on a damaged one the kernel's reader may end the process
-    that it runs in. Raises ValueError where the file cannot be read or holds no solid.
+    Another process reads the file and hands the solid over, because the kernel's reader may crash on a damaged file.
+    Raises ValueError where the file cannot be read or holds no solid.
     """
     if not (np.isfinite(scale) and scale > 0.0):
         raise ValueError(f"the scale of a STEP file must be above zero, not {scale}")
@@ -127,7 +127,7 @@ def solid_of_step_file(path: Path, scale: float) -> occ.TopoDS_Shape:
 
 
 def _solid_of_brep(brep: bytes | None, path: Path) -> occ.TopoDS_Shape:
-    """A new solid of its own for each call; path: of the file it was read from."""
+    """A new solid for each call; path: of the STEP file, for messages."""
     if brep is None:
         raise ValueError(f"the STEP file {path} cannot be read")
     if not brep:
@@ -152,7 +152,7 @@ def place(solid: occ.TopoDS_Shape, placement: model.Placement) -> occ.TopoDS_Sha
     if not (np.isfinite(origin).all() and np.isfinite(rotation).all()):
         raise ValueError("a position and rotation must be finite numbers")
     frame = occ.Axes(point(*origin), n=occ.Dir(*rotation[:, 2]), h=occ.Dir(*rotation[:, 0]))
-    # Transformation(frame) takes global coordinates to those of the frame; its inverse places.
+    # Transformation(frame) takes global coordinates to coordinates in the frame; its inverse places the solid.
     return occ.gp_Trsf.Transformation(frame).Inverted()(solid)
 
 
@@ -274,7 +274,7 @@ def _inside_surface(shape: model.TriangleSurface) -> occ.TopoDS_Shape:
 
 
 def inside_shells(points: Array, triangles: Index) -> occ.TopoDS_Shape:
-    """The solid within closed shells, points in mm: the largest first, what is in a cavity after the cavity."""
+    """The solid within closed shells, points in mm. The largest is built first: a cavity before a solid inside it."""
     shells = [triangles[numbers] for numbers in shells_of(triangles)]
     signed = sorted(
         ((enclosed_volume(points, shell), shell) for shell in shells), key=lambda one: -abs(one[0])
@@ -295,7 +295,7 @@ RELATIVE_LENGTH = 1e-9
 """Lengths below this fraction of the winding's size are rounding."""
 
 SHORTEST_EDGE = 1e-6
-"""Edges below this length, mm, are rounding and left out; ten times what the kernel takes for one point."""
+"""Edges below this length, mm, are rounding and left out; ten times the kernel's contact distance."""
 
 
 def winding_solid(coil: Coil) -> occ.TopoDS_Shape:
@@ -337,14 +337,14 @@ def _wound(path: WindingPath) -> occ.TopoDS_Shape:
         if polygon_fault(_corners(path, offset).tolist()) is not None:
             raise ValueError(fault)
     right, left = (_face(path, side * half, -height / 2) for side in (1.0, -1.0))
-    # Cut in the plane, then drawn up: to cut one solid from another takes six times as long.
+    # The faces are cut in the plane, then extruded: to cut one solid from another takes six times as long.
     face = right - left if path.turning > 0 else left - right
     return occ.Prism(face, occ.Vec(0.0, 0.0, float(height)))
 
 
 def _wound_in_circles(inner: float, outer: float, height: float) -> occ.TopoDS_Shape:
     if not 0.0 < inner < outer:
-        # Full, or refused.
+        # `ring` makes a full cylinder, or raises.
         return ring(inner, outer, -height / 2, height)
     r_inner, r_outer, h = positive(inner=inner, outer=outer, height=height)
     base = point(0.0, 0.0, -h / 2)

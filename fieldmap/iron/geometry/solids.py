@@ -1,8 +1,8 @@
 """Iron bodies as solids of the CAD kernel, and all of them glued together for the mesher.
 
 The kernel is Open CASCADE, reached through netgen. Inside it lengths are millimetres (`fieldmap.iron.geometry.shapes`
-says why), elsewhere metres. Primitives stay true curved surfaces, onto which the mesher may curve elements. A body
-that is a mesh of the user's own is what its tetrahedra fill.
+says why), elsewhere metres. Primitives stay true curved surfaces, onto which the mesher may curve elements. For a body
+that the user gives as a mesh, the solid is the space that its tetrahedra fill.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def own_mesh(body: Body) -> tuple[Array, Index]:
 
 
 def joined(meshes: Sequence[tuple[Array, Index]]) -> tuple[Array, list[Index]]:
-    """One list of points (n, 3), those nearer than the kernel's contact distance once, and the tetrahedra of each."""
+    """One list of points (n, 3), merged where nearer than the kernel's contact distance, and each mesh's tetrahedra."""
     points = np.concatenate([points for points, _ in meshes])
     pairs = cKDTree(points).query_pairs(_ONE_POINT, output_type="ndarray")
     label = connected(pairs, len(points))
@@ -81,13 +81,13 @@ def common_area(one: tuple[Array, Index], other: tuple[Array, Index]) -> float:
 
 
 def higher_order_cells(body: Body) -> int:
-    """How many of its tetrahedra have nodes beside their corners in its file."""
+    """Number of tetrahedra in the body's file that have more nodes than their corners."""
     shape = body.parts[0].shape
     return read_mesh(shape.path, shape.region).higher_order if isinstance(shape, MeshFile) else 0
 
 
 def solid_of_mesh(body: Body) -> shapes.occ.TopoDS_Shape:
-    """What its tetrahedra fill, as a solid of the CAD kernel, mm: boundary triangles sewn together, those in one plane
+    """The space that a body's tetrahedra fill, as a solid of the CAD kernel, mm. Boundary triangles in one plane become
     one face. Raises GeometryError where the boundary cuts itself or pieces of the mesh overlap.
     """
     points, tets = own_mesh(body)
@@ -115,14 +115,13 @@ def solid_of_mesh(body: Body) -> shapes.occ.TopoDS_Shape:
 
 
 def device_label(device: Device) -> str:
-    """How messages name the device: its file, or its name where it was not read from one."""
+    """The device in messages: its file, or its name if it was not read from a file."""
     return str(device.source) if device.source is not None else f"device '{device.name}'"
 
 
 def body_solid(body: Body, source: str | None = None) -> shapes.occ.TopoDS_Shape:
     """The body as a solid in the global frame, mm: its parts added and cut in order.
 
-    A body that is a mesh is what its tetrahedra fill.
     A body of several pieces is a compound of solids. Each solid carries the body's name and, as `maxh`, the
     mesh size in mm. Faces of one body that lie in one surface are merged: added parts leave no inner edges.
     source: the device file, for messages. Raises GeometryError where a part cannot be built.

@@ -1,7 +1,7 @@
 """Currents and magnets in air as shapes of the CAD kernel, mm: edges, faces, points, and magnets as solids.
 
-The solver takes the field of such a source as it is in free space. In a body that field is wrong: a current in a solid
-of iron has no solution by these methods, and a magnet is taken to lie around the iron, not in its place.
+The solver uses the field of such a source in free space. Inside a body that field is wrong: these methods have no
+solution for a current in iron, and a magnet would fill the same space as the iron.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def sources_in_air(device: Device) -> Iterator[tuple[str, str, AirSource, Placem
 
 
 def has_known_place(source: AirSource) -> bool:
-    """False of an object of another class than magpylib's: where its currents flow is not known."""
+    """False for an object of a class outside magpylib: the place of its currents is not known."""
     return source.kind != OTHER
 
 

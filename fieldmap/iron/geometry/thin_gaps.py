@@ -1,8 +1,8 @@
-"""Gaps between flat faces that are thin against the elements: closed for the mesher, bodies moved until they touch.
+"""Close gaps between flat faces that are thin against the elements: bodies are moved until they touch, for the mesher.
 
-Meshed each for itself, faces that lie near each other have elements that do not lie on each other, and charges that
-should face each other across the gap do not. Bodies that touch have common elements there. So pieces of iron on both
-sides of a thin gap are moved together as a whole, meshed, and moved back.
+If the faces on both sides of a gap are meshed separately, their elements and charges do not lie opposite to each other.
+Bodies that touch have common elements there. So the pieces of iron on both sides of a thin gap are moved as a whole
+until they touch, meshed, and moved back.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
 THIN = 1 / 5
-"""A gap is thin below this share of the smaller mesh size of the two bodies."""
+"""A gap is thin if it is narrower than this fraction of the smaller mesh size of the two bodies."""
 # mm. Distances of flat faces that differ by less are the same.
 _SAME = 1e-6
 # Directions that differ by less are parallel.
@@ -42,7 +42,7 @@ class ClosedGaps(Record):
 
 
 def closed_gaps(device: Device) -> ClosedGaps | None:
-    """The device with its thin gaps closed; None where it has none, or none that moving bodies can close.
+    """The device with its thin gaps closed; None if it has no thin gap that can be closed by moving bodies.
 
     Pieces of iron move as a whole, towards the largest of them. A gap that another one holds open (both ends of a slug
     between two poles) stays, and so do gaps between faces that are not flat or not parallel.
@@ -90,8 +90,8 @@ def _near_pairs(device: Device, solids: Sequence[occ.TopoDS_Shape]) -> dict[Pair
 
 
 def _step_between(one: occ.TopoDS_Shape, other: occ.TopoDS_Shape, distance: float) -> Array | None:
-    """What moves the other solid (3,), mm, until flat faces that are `distance` apart touch; None without such, and
-    where there are such gaps on several sides, as round a pole in a collar: closing one would widen another."""
+    """Displacement (3,) of the other solid, mm, that brings flat faces `distance` apart into contact. None without such
+    faces, and if there are gaps on several sides, as round a pole in a collar: closing one would widen another."""
     found: list[Array] = []
     for face in one.faces:
         normal = _plane_normal(face)
@@ -105,7 +105,7 @@ def _step_between(one: occ.TopoDS_Shape, other: occ.TopoDS_Shape, distance: floa
             if abs(abs(width) - distance) > _SAME:
                 continue
             step = -width * normal
-            # To the last bit where the normal is an axis.
+            # Exact where the normal is an axis.
             step[np.abs(step) < _SAME * distance] = 0.0
             if any(np.abs(step - known).max() < _SAME for known in found):
                 continue
@@ -115,7 +115,7 @@ def _step_between(one: occ.TopoDS_Shape, other: occ.TopoDS_Shape, distance: floa
 
 
 def _plane_normal(face: occ.Face) -> Array | None:
-    """Unit normal (3,) of a flat face; its sign means nothing. None for a curved one."""
+    """Unit normal (3,) of a flat face, of either sign; None for a curved face."""
     normals = []
     for u, v in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.3, 0.7)):
         _, along, across = face.surf.D1(u, v)
@@ -139,7 +139,7 @@ def _contact(one: occ.TopoDS_Shape, other: occ.TopoDS_Shape) -> float:
 
 
 def _moves(volume: Array, piece: Index, steps: dict[Pair, Array]) -> tuple[Array, list[Pair]]:
-    """How far every body moves (b, 3), mm, and the pairs whose gaps that closes."""
+    """Displacements (b, 3) of the bodies, mm, and the pairs whose gaps they close."""
     moves = np.zeros((len(volume), 3))
     size = np.bincount(piece, volume)
     placed: set[int] = set()

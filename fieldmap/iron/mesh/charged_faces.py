@@ -15,10 +15,10 @@ from fieldmap.records import Record
 from fieldmap.threads import over_rows
 from fieldmap.typing import Array, Index
 
-# Farther than this many radii from its centre a triangle is three point charges (measured: 1e-6 of the field).
+# Farther than this many radii from its centre a triangle is three point charges (measured error: 1e-6 of the field).
 _FAR_RADII = 8.0
-# In radii of a triangle: points this near lie on it, and are moved into the air by this much. On edges between
-# triangles the field of constant charges grows with the logarithm of the distance.
+# In radii of a triangle: a point nearer than the first lies on it, and is moved into the air by the second. On edges
+# between triangles the field of constant charges grows with the logarithm of the distance.
 _ON_FACE, _OFF_FACE = 1e-6, 1e-4
 # Pairs of triangles closer than this many summed radii are integrated in closed form on one side.
 NEAR_RADII = 3.0
@@ -27,7 +27,7 @@ TOUCH_DEGREE = 8
 
 
 def _for_kernels(points: Array) -> Array:
-    """Points (n, 3) in the one order for which the kernels are compiled, and writable; others are copied."""
+    """Points (n, 3), copied unless they are in C order and writable: the kernels are compiled for such arrays only."""
     return np.require(points, requirements=("C_CONTIGUOUS", "WRITEABLE"))
 
 
@@ -68,9 +68,9 @@ class ChargedFaces(Record):
     def mutual_potential_with(
         self, others: "ChargedFaces", symmetric: bool, out: Array | None = None
     ) -> Array:
-        """Block (n, n) of W: mean potentials on these triangles of unit charges on as many others.
+        """Block (n, n) of W: mean potentials on these n triangles of unit charges on n others.
 
-        symmetric: it is known that the block is; half of it is computed. out: where it goes, if not into new memory.
+        symmetric: the block is known to be symmetric, and half of it is computed. out: memory for the result.
         """
         one = (self.kernel_geometry(), self._far())
         other = one if others is self else (others.kernel_geometry(), others._far())
@@ -83,8 +83,8 @@ class ChargedFaces(Record):
         return block
 
     def kernel_geometry(self) -> tuple[Array, ...]:
-        """What the kernels of mutual potentials take of one set of triangles; last the points and weights of the outer
-        rules for close pairs: those apart, then those whose circles overlap."""
+        """Arguments of the kernels of mutual potentials for one set of triangles. The last are points and weights of
+        the outer rules for close pairs: for pairs apart, then for pairs with overlapping circles."""
         near, touch = self.rule_points(NEAR_DEGREE), self.rule_points(TOUCH_DEGREE)
         return (self.corners, self.normals, self.areas, self.centres, self.radii, *near, *touch)
 
@@ -99,12 +99,12 @@ class ChargedFaces(Record):
 
     def spheres(self) -> Array:
         """Centres and radii as rows (4, n)."""
-        # In C order: numba compiles anew for another.
+        # In C order: numba would compile anew for another order.
         return np.ascontiguousarray(np.vstack([self.centres.T, self.radii]))
 
     def off_surface(self, points: Array) -> Array:
-        """The points (n, 3); those on a triangle, an edge or a corner a little along the normals, for the limit of the
-        field from that side."""
+        """The points (n, 3). A point on a triangle, an edge or a corner is moved a little along the normals, for the
+        limit of the field from that side."""
         at = _for_kernels(points)
         out = np.empty_like(at)
         geometry = (self.corners, self.normals, self.centres, self.radii)
@@ -127,8 +127,8 @@ class ChargedFaces(Record):
         return field, gradient
 
     def weights(self, points: Array, by_field: Array, by_gradient: Array) -> Array:
-        """What a unit density on each face counts in sums over points (n, 3), (k, m): those of by_field (k, n, 3) times
-        the field and by_gradient (k, n, 3, 3) times the gradient. The transpose of `field_and_gradient`."""
+        """Weights (k, m) of a unit density on each face in k sums over points (n, 3): by_field (k, n, 3) times the
+        field plus by_gradient (k, n, 3, 3) times the gradient. The transpose of `field_and_gradient`."""
         entries = _entries(by_field, by_gradient)
         out = np.zeros((len(entries), len(self.areas)))
         given = (points, self.corners, self.normals, self._as_charges, entries, out)
@@ -138,8 +138,8 @@ class ChargedFaces(Record):
     def gradient(
         self, points: Array, by_field: Array, by_gradient: Array, charge: Array, moving: NDArray[np.bool_]
     ) -> Array:
-        """How the sums of `weights` for charges (n,) follow the corners of the triangles marked as moving (n,):
-        (n, k, 3, 3)."""
+        """Derivatives (n, k, 3, 3) of the sums of `weights` for charges (n,) by the corners of the triangles that are
+        marked as moving (n,)."""
         entries, (shapes, _) = _entries(by_field, by_gradient), triangle_rule(2)
         out = np.zeros((len(self.areas), len(entries), 3, 3))
         given = (points, self.corners, self._as_charges, shapes, charge, moving, entries, out)
@@ -148,8 +148,8 @@ class ChargedFaces(Record):
 
     @cached_property
     def _as_charges(self) -> Array:
-        """Of every triangle the points that replace it, a third of its area, its centre and the squared distance
-        beyond which they do: (14, n). Made once: at a single point it takes longer than the field."""
+        """For every triangle (14, n) the points that replace it, a third of its area, its centre and the squared
+        distance beyond which they replace it. Kept: for a single point it takes longer than the field."""
         charges, _ = self.rule_points(2)
         limit = (_FAR_RADII * self.radii) ** 2
         rows = [charges.reshape(-1, 9).T, self.areas / 3, self.centres.T, limit]
@@ -159,7 +159,7 @@ class ChargedFaces(Record):
 def _entries(by_field: Array, by_gradient: Array) -> Array:
     """Weights (k, n, 8) of field and gradient as the kernels take them."""
     g = by_gradient
-    # The gradient is symmetric and free of trace: five of its entries are all.
+    # The gradient is symmetric and free of trace: five entries are independent.
     five = [g[..., 0, 0] - g[..., 2, 2], g[..., 0, 1] + g[..., 1, 0], g[..., 0, 2] + g[..., 2, 0]]
     five += [g[..., 1, 1] - g[..., 2, 2], g[..., 1, 2] + g[..., 2, 1]]
     return np.ascontiguousarray(np.concatenate([by_field, np.stack(five, axis=-1)], axis=-1))

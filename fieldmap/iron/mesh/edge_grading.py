@@ -5,7 +5,7 @@ there. Each level cuts every element that touches a sharp edge at a fixed fracti
 elements shrink across the edge and keep their length along it, so the cost grows with the number of levels while
 the first layer shrinks geometrically. Prisms that appear are split into three tetrahedra by the rule of Dompierre
 et al. (Proc. 8th Int. Meshing Roundtable, 1999): every quadrilateral is cut at its vertex with the smallest number,
-so neighbours agree without being asked.
+so that neighbours agree.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from fieldmap.typing import Array, Index
 
 # Edges of a triangle and of a tetrahedron, by the number of corners.
 _PAIRS_OF = {3: topology.TRIANGLE_SIDES, 4: topology.TET_EDGES}
-# Turning of a prism that brings vertex k to the front (Dompierre et al., table 2).
+# Row k: the order of a prism's vertices that brings vertex k to the front (Dompierre et al., table 2).
 _PRISM_TURN = np.array(
     [
         [0, 1, 2, 3, 4, 5],
@@ -35,7 +35,7 @@ _SHARP_ANGLE = 0.6
 
 
 def sharp_edges(points: Array, tets: Index, candidates: Index, midpoints: tuple[Index, Array]) -> Index:
-    """Those of the candidate edges (k, 2) at which the iron's surface has a kink. Returns (s, 2), sorted.
+    """The candidate edges (k, 2) at which the iron's surface has a kink. Returns (s, 2), sorted.
 
     midpoints: all element edges (m, 2), sorted, lexicographic, and their midpoints (m, 3) on the true surface. A
     coarse polygon is kinked where the surface is smooth; parabolas through the midpoints are not.
@@ -45,8 +45,7 @@ def sharp_edges(points: Array, tets: Index, candidates: Index, midpoints: tuple[
 
 
 def kinked_edges(points: Array, faces: Index, candidates: Index, midpoints: tuple[Index, Array]) -> Index:
-    """Those of the candidate edges (k, 2) at which a surface of triangles (f, 3) has a kink; otherwise as
-    `sharp_edges`."""
+    """The candidate edges (k, 2) at which a surface of triangles (f, 3) has a kink; otherwise as `sharp_edges`."""
     sides = faces[:, topology.TRIANGLE_SIDES].reshape(-1, 2)
     opposite = faces[:, [2, 1, 0]].ravel()
     key = topology.edge_keys(sides, len(points))
@@ -107,7 +106,7 @@ def _edges_of(tets: Index) -> Index:
 
 
 def _edges_too_thick(points, tets, sharp, layer, ratio):
-    """Sharp edges at which one more cut brings the layer closer to what was asked for.
+    """Sharp edges at which one more cut brings the layer closer to the wanted thickness.
 
     The layer at a vertex is the shortest element edge that leaves its sharp edge; a sharp edge is cut when both its
     ends ask for it.
@@ -221,8 +220,8 @@ def _cut_layer(points, tets, parent, sharp, ratio):
 def _cut_triangles(
     points: Array, one: Index, two: Index, singular: Index, on: Callable[[Index, Index], Index]
 ) -> tuple[Index, Index]:
-    """Three triangles (3 k, 3) for each of those with one singular vertex, and for each with two; on: point on the edge
-    between two vertices. They are turned, not sorted, and so keep their orientation."""
+    """Three triangles (3 k, 3) for each triangle with one singular vertex, and for each with two; on: point on the edge
+    between two vertices. Corners are permuted cyclically, not sorted, to keep the orientation."""
     first = np.argmax(singular[one], axis=1)
     a, b, c = np.take_along_axis(one, (first[:, None] + np.arange(3)) % 3, axis=1).T
     ab, ac = on(a, b), on(a, c)

@@ -1,13 +1,12 @@
 """Thin gaps where bodies touch: the mesh is opened at the faces that two bodies share, and a sheet laid between them.
 
-The mesher knows nothing of them. Every face between two bodies becomes a flat prism as thick as the gap, split into
+The mesher knows nothing of the gaps. Every face between two bodies becomes a flat prism as thick as the gap, split into
 tetrahedra of the sheet's own permeability. A potential of second order in them holds the jump of potential across the
-gap, so that the flux through the joint is that of an interface condition, phi_1 - phi_2 = gap b_n / mu_r. At the rim
-the sheet ends in a strip of surface as wide as the gap, through which flux spreads into the air as it does in truth.
+gap, so that the joint meets the interface condition phi_1 - phi_2 = gap b_n / mu_r. At the rim
+the sheet ends in a strip of surface as wide as the gap, through which flux spreads into the air as in reality.
 (With the jump at a line instead, the flux through the air near the rim would grow with the logarithm of the mesh size.)
 
-The gap is cut out of one of the bodies: the body's nodes near the joint move away from the joint, and those of its far
-half stay.
+The gap is cut out of one of the bodies: its nodes near the joint move away from the joint, its far half stays.
 """
 
 from collections.abc import Container, Mapping, Sequence
@@ -28,19 +27,20 @@ Mask = NDArray[np.bool_]
 Pair = tuple[int, int]
 """Numbers of two bodies, the smaller one first."""
 
-# At one node the sum of n n^T over the normals of the joint faces has an eigenvalue for each direction. One below this
-# share of the largest counts as zero: nearly parallel normals are those of one plane.
+# Eigenvalues of the sum of n n^T over the normals of a node's joint faces count as zero below this share of the
+# largest: nearly parallel normals are taken for normals of one plane.
 _ONE_PLANE = 0.05
 # Nodes of a body stay if they are farther from its joints than this share of the largest distance in the body.
 _FAR = 0.5
 # Thickness of the first layer of elements at the rim of a sheet, over the thickness of the sheet.
 _RIM_LAYER = 0.25
 # Share of the flux through a gap that the air around its rim may carry without being resolved by the mesh. No gap is
-# known more precisely. With less than half of it the drive unit has 21 586 faces instead of 12 802.
+# known more precisely. With less than half of this value the drive unit has 21 586 faces instead of 12 802.
 _UNSEEN = 2.5e-2
+# Largest exponent in the thickness of the first layer, against overflow.
 _MOST_UNSEEN = 20.0
-# Near its rim the sheet is divided into layers at these shares of its thickness, as far as this many elements from the
-# rim. A core with a gap of a twentieth of its width: 0.8 % of the flux is missing with one layer, 0.1 % with these.
+# Near its rim the sheet is divided into layers at these shares of its thickness, up to _RINGS elements from the rim. In
+# a core with a gap of a twentieth of its width 0.8 % of the flux is missing with one layer, 0.1 % with these.
 _LEVELS = (0.15, 0.5, 0.85)
 _RINGS = 2
 # Slopes of the walls at the rim of a joint that differ by less than this are alike.
@@ -51,15 +51,15 @@ _SAME_SIZE = 1e-6
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactFaces(Record):
-    """Faces that two bodies share: nodes (f, 3), the tets (f, 2) on both sides, that of the body with the smaller
-    number first, and the numbers (f, 2) of these bodies."""
+    """Faces that two bodies share: nodes (f, 3), the tets (f, 2) on both sides and the numbers (f, 2) of their bodies,
+    the smaller number first."""
 
     nodes: Index
     tets: Index
     bodies: Index
 
     def of(self, pairs: Container[Pair]) -> "ContactFaces":
-        """Those between some pairs of bodies."""
+        """The faces between some pairs of bodies."""
         mine = np.array([pair in pairs for pair in self.pair_of_each], dtype=bool)
         return ContactFaces(self.nodes[mine], self.tets[mine], self.bodies[mine])
 
@@ -129,13 +129,13 @@ def sheets_between(
 
 
 def images_of_pairs(pairs: Sequence[Pair], images: Sequence[Sequence[int]]) -> tuple[Pair, ...]:
-    """Pairs of bodies and their images; images: what each operation makes of each body."""
+    """Pairs of bodies and their images; images: the image of each body under each operation."""
     return tuple(sorted({_ordered(of_body[a], of_body[b]) for of_body in images for a, b in pairs}))
 
 
 def sheet_images(sheets: Sequence[Sheet], images: Sequence[int]) -> tuple[int, ...]:
-    """The images of the bodies under an operation, then those of the sheets, numbered after the bodies; images: of the
-    bodies alone."""
+    """The images of the bodies under an operation, then of the sheets, which are numbered after the bodies; images: of
+    the bodies alone."""
     number = {sheet.bodies: len(images) + k for k, sheet in enumerate(sheets)}
     return (*images, *(number[_ordered(images[a], images[b])] for a, b in (sheet.bodies for sheet in sheets)))
 
@@ -254,10 +254,10 @@ def open_sheets(
 
 
 def _filled(points: Array, staying: Index, moving: Index, at_rim: Mask) -> tuple[Array, Index, Index]:
-    """Points with those inside the sheet, the sheet's tetrahedra (k, 4), and the face (k,) that each lies at.
+    """The points and new ones inside the sheet, the sheet's tetrahedra (k, 4), and the face (k,) of each tetrahedron.
 
-    staying, moving (f, 3): faces and those opposite to them; at_rim (f, 3): where layers lie between their corners.
-    The corners of a face move up to the opposite face one at a time, layer by layer; each step makes a tetrahedron. The
+    staying, moving (f, 3): faces and their opposite faces; at_rim (f, 3): corners at which the sheet has layers. The
+    corners of a face move up to the opposite face one at a time, layer by layer; each step makes a tetrahedron. The
     step to the lowest layer comes first; on one layer, the step to the node with the smallest number. Neighbouring
     prisms therefore divide their common side alike. Where both faces have a corner in common, the sheet ends in it.
     """
@@ -325,11 +325,8 @@ def _side_of_gap(points: Array, tets: Index, body: Index, faces: ContactFaces, r
 
 
 def _split_nodes(tets: Index, faces: ContactFaces) -> tuple[Index, Index]:
-    """Tets (m, 4) with new nodes, so that those on both sides of the faces share none unless others join them; and the
-    old node (n,) of every node.
-
-    At each node of the faces, the tets around it that are connected through other faces share one node.
-    """
+    """Tets (m, 4) with new nodes, and the old node (n,) of every node. Around each node of the faces, tets that are
+    connected without crossing these faces share one node."""
     nodes, owner = _shared_faces(tets)
     count = int(tets.max()) + 1
     here = np.zeros(count, dtype=bool)
@@ -347,7 +344,7 @@ def _split_nodes(tets: Index, faces: ContactFaces) -> tuple[Index, Index]:
         links.append(np.column_stack(ends))
     group = topology.connected(np.concatenate(links), tets.size)
     touched = np.flatnonzero(here[tets.ravel()])
-    # Groups of corners (node, first corner of the group): the first of each node keeps its number.
+    # Each group of connected corners becomes a node; the first group at an old node keeps its number.
     first = np.full(group.max() + 1, tets.size)
     np.minimum.at(first, group[touched], touched)
     leaders = np.unique(first[group[touched]])
@@ -381,8 +378,8 @@ def _normals(points: Array, tets: Index, faces: ContactFaces, owner: Index) -> A
 
 
 def _shifts(count: int, moving: Index, staying: Index, normal: Array, gap: Array) -> Array:
-    """How far (n, 3) the nodes on the joints move: by the gap along the normal of each face around them; NaN for nodes
-    that are on none."""
+    """Displacements (n, 3) of the nodes on joints: the gap along the normal of each face around them; NaN for other
+    nodes."""
     tensor, right = np.zeros((count, 3, 3)), np.zeros((count, 3))
     for k in range(3):
         free = moving[:, k] != staying[:, k]
@@ -398,14 +395,14 @@ def _shifts(count: int, moving: Index, staying: Index, normal: Array, gap: Array
 
 
 def _displaced(points: Array, tets: Index, body: Index, shift: Array) -> Array:
-    """Points (n, 3) after the nodes on joints moved by `shift`, others of the same bodies with them.
+    """Points (n, 3) after the nodes on joints have moved by `shift`, and other nodes of the same bodies with them.
 
     A node at the distance s from the joint and t from the nodes that stay moves by t / (s + t) times the shift.
     """
     out = points.copy()
     on = np.isfinite(shift[:, 0])
     away = np.linalg.norm(np.nan_to_num(shift), axis=1) > 0
-    # Lowest and highest body of every node: they differ where it belongs to more than one.
+    # Lowest and highest body of every node: they differ if the node belongs to several bodies.
     low, high = np.full(len(points), np.iinfo(np.int64).max), np.full(len(points), -1)
     np.minimum.at(low, tets.ravel(), np.repeat(body, 4))
     np.maximum.at(high, tets.ravel(), np.repeat(body, 4))

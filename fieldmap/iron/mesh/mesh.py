@@ -6,7 +6,7 @@ segment with sagitta s the polygon of equal area lies 2 s / 3 further out. Here 
 distance of its midpoint from the true surface, and each vertex of a curved face moves by the mean that keeps the
 volume under the face: face T with edges e and corners v lacks A_T sum_e d_e / 3 and gains A_T sum_v shift_v / 3.
 
-The mesh tells which element contains a point, and refuses points that must lie in the air.
+The mesh also finds the element that contains a point; `refuse_inside` refuses points that must lie in the air.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from fieldmap.records import Record
 from fieldmap.threads import over_rows
 from fieldmap.typing import Array, Index
 
-# Edge midpoints closer to the chord than this fraction of its length are straight.
+# An edge is straight if its midpoint is closer to the chord than this fraction of its length.
 _STRAIGHT = 1e-6
 # Ratio of one layer's thickness to the next at sharp edges.
 LAYER_RATIO = 0.4
@@ -70,7 +70,7 @@ class BodyMesh(Record):
 
     @abstractmethod
     def outlines(self) -> tuple[Outline, ...]:
-        """The surface of every body, faces that it shares with others among them."""
+        """The surface of every body, with the faces that it shares with other bodies."""
 
     @property
     def iron_names(self) -> tuple[str, ...]:
@@ -83,9 +83,9 @@ class IronMesh(BodyMesh):
     """Tetrahedra of all iron bodies.
 
     points (n, 3) in m; tets (m, 4), positively oriented; body (m,) index into `body_names`.
-    Bodies that touch share points. symmetry: what maps the mesh onto itself exactly, where it was made so; cells: the
-    mesher's own tetrahedra, before layers were cut at sharp edges, where the mesh is no copy of a chamber. sheets: thin
-    gaps between bodies that touch; they are the last of the bodies.
+    Bodies that touch share points. symmetry: operations that map the mesh onto itself exactly, if it was copied from a
+    chamber; cells: the mesher's own tetrahedra, before layers were cut at sharp edges, None with meshes of the user's
+    own. sheets: thin gaps between bodies that touch; they come last among the bodies.
     """
 
     points: Array
@@ -133,7 +133,7 @@ class IronMesh(BodyMesh):
         return element
 
     def outlines(self) -> tuple[Outline, ...]:
-        """The surface of every body, faces that it shares with others among them."""
+        """The surface of every body, with the faces that it shares with other bodies."""
         return tuple(
             outline_of(name, self.points, boundary(self.points, self.tets[self.body == number]))
             for number, name in enumerate(self.body_names)
@@ -154,7 +154,7 @@ class IronMesh(BodyMesh):
 
 
 def outline_of(name: str, points: Array, triangles: Index) -> Outline:
-    """Of a body with these triangles (m, 3) of points (n, 3)."""
+    """The outline of a body with these triangles (m, 3) of points (n, 3)."""
     nodes, number = np.unique(triangles, return_inverse=True)
     return Outline(name, "iron", points[nodes], number.reshape(-1, 3))
 
@@ -170,16 +170,16 @@ def generate_mesh(
         Its bodies.
     refinement
         Divides every element size of the device file (2 halves them); the first layer at sharp edges is
-        divided by its square, because the error of the graded elements falls twice as fast as that of the
+        divided by its square, because the error of the graded elements falls twice as fast as the error of the
         layer. Bodies that are meshes are taken as they are; a refinement of 2, 4, ... halves all their edges
         once, twice, ....
     symmetry
         "auto": where the iron has mirror planes, one chamber between them is meshed and copied, so that the
-        mesh has the symmetry exactly; "workspace": with those mirrors alone that map the box of the workspace onto
+        mesh has the symmetry exactly; "workspace": only with mirrors that map the box of the workspace onto
         itself; "none": meshed as a whole.
     local
-        Element sizes at points, where they are smaller than those of the device file, and layers at sharp
-        edges in their place.
+        Element sizes at points, used where they are smaller than the device file's, and first layers at sharp
+        edges, used instead of the device file's.
 
     Returns
     -------
@@ -189,7 +189,7 @@ def generate_mesh(
     Raises
     ------
     InputError
-        For another word, and for another refinement of bodies that are meshes.
+        For an unknown symmetry; with bodies that are meshes, for a refinement other than 1, 2, 4, ....
     GeometryError
         Where the mesher fails.
     """
@@ -211,7 +211,7 @@ def generate_mesh(
 
 
 def _is_kept(chamber: Chamber, closed: ClosedGaps) -> bool:
-    """Whether operations map bodies that were moved to close gaps onto each other as they do the drawn ones."""
+    """Whether the operations still map the bodies onto each other after the moves that close gaps."""
     return all(
         np.abs(one.matrix @ closed.moves[k] - closed.moves[image]).max() < _SAME_MOVE
         for one in chamber.group.operations
@@ -240,7 +240,7 @@ def _copied_chamber(
     local: LocalSizes | None,
     closed: ClosedGaps | None,
 ) -> IronMesh | None:
-    """None where bodies have a joint in a wall of the chamber: it would be cut along its middle."""
+    """The mesh of a chamber with its copies; None if a joint lies in a wall, which would cut it along its middle."""
     points, tets, body, edges, midpoints = _made_by_mesher(shape, device, refinement, local)
     names, images = [one.name for one in device.bodies], [one.bodies for one in chamber.group.operations]
     in_walls = chamber_contacts(chamber, points, tets, body)
@@ -269,7 +269,8 @@ def _layered(
     closed: ClosedGaps | None,
     chamber: Chamber | None = None,
 ) -> tuple[tuple[joints.Sheet, ...], joints.OpenedMesh, Index]:
-    """With layers at sharp edges, and sheets between these pairs of bodies; and the tet that each was before."""
+    """The sheets between pairs of bodies, the mesh with them and with layers at sharp edges, and the given tet of which
+    each tet with layers is a part."""
 
     def walls(at: Array) -> NDArray[np.bool_] | None:
         return None if chamber is None else on_walls(chamber, at)
@@ -306,7 +307,7 @@ def _iron_mesh(
 
 
 def _with_own_meshes(device: Device, own: tuple[Body, ...], refinement: float) -> IronMesh:
-    """Bodies that are meshes beside others, which are meshed as a whole: no symmetry is looked for."""
+    """The mesh of a device with bodies that are meshes; the other bodies are meshed together, without symmetry."""
     halvings = np.log2(refinement)
     if halvings < 0 or halvings != np.round(halvings):
         raise InputError.of(
@@ -337,8 +338,8 @@ def _with_own_meshes(device: Device, own: tuple[Body, ...], refinement: float) -
 
 
 def _chamber(device: Device, keeps_workspace: bool) -> Chamber | None:
-    """Where mirrors meet on a sphere, four faces meet at a pole, and the field near it suffers (measured: errors
-    three to eight times those of other meshes): such devices use one mirror only."""
+    """The chamber to be meshed. Where mirrors meet on a sphere, four faces meet at a pole, and errors of the field near
+    it are three to eight times as large as with other meshes: devices with spheres use one mirror only."""
     round_ends = any(
         isinstance(part.shape.primitive, Sphere) for body in device.bodies for part in body.parts
     )
@@ -349,7 +350,7 @@ def _chamber(device: Device, keeps_workspace: bool) -> Chamber | None:
 
 
 def _rounded_chamber(chamber: Chamber, points, tets, body, edges, midpoints):
-    """The chamber's points after rounding, and its sharp edges: both are seen on the whole, where walls are inside."""
+    """The chamber's points after rounding, and its sharp edges: found on the whole mesh, where walls are no surface."""
     copies, count = ChamberCopies(chamber, points), len(points)
     everything, all_tets = copies.all_points(), copies.tets(tets)
     ends, first, _, _ = topology.distinct_rows(np.sort(copies.nodes(midpoints[0]), axis=1))
@@ -366,7 +367,7 @@ def equal_volume_vertices(points: Array, tets: Index, body: Index, edges: Index,
     between iron and air and on curved surfaces between bodies alike.
     """
     faces, _, number, count = topology.distinct_parts(tets, topology.TET_FACES)
-    # The sum over both owners differs from twice one of them where a face separates bodies.
+    # If a face separates bodies, the sum of its two owners' numbers differs from twice one of them.
     owner = np.repeat(body, 4)
     total, one = np.bincount(number, owner, len(faces)), np.zeros(len(faces))
     one[number] = owner
@@ -414,9 +415,8 @@ def _made_by_mesher(shape, device: Device, refinement: float, local: LocalSizes 
     return mesh.points, mesh.elements, body[mesh.solids], mesh.solid_edges, (mesh.ends, mesh.midpoints)
 
 
-# Corners (m, 4, 3) of the elements, and the lower and upper corners of the boxes around them, and of that around all: a
-# field is asked for at one point after the other, and these take longer than the field. They do not travel to other
-# processes.
+# Corners (m, 4, 3) of the elements, lower and upper corners of their boxes, and of the box around all. Kept, because
+# they take longer than the field at a point; not in the mesh itself, which would send them to other processes.
 _BOXES: WeakKeyDictionary[IronMesh, tuple[Array, ...]] = WeakKeyDictionary()
 
 

@@ -1,11 +1,9 @@
-"""What the mesher makes of glued solids: tetrahedra, or triangles of their surfaces alone.
+"""Meshes of glued solids by the mesher (netgen): tetrahedra, or triangles of the surfaces alone.
 
-Meshing takes as long as all the rest of a small solve, and the same iron is solved again and again: at other currents,
-with other coils and materials, by another command. So what the mesher made is kept: in memory the meshes used last, and
-on disk in a folder of one's choice, the environment variable FIELDMAP_MESHES. A mesh is found again by all that the
-mesher is given, bit by bit, and by the version of the mesher.
-
-Sizes of elements may vary from place to place.
+Meshing takes as long as all the rest of a small solve, and the same iron is solved many times: at other currents, with
+other coils and materials, by another command. Meshes are therefore kept: the last ones in memory, and all in a folder
+if the environment variable FIELDMAP_MESHES names one. The key of a mesh is a hash of the mesher's input, bit by bit,
+and of its version.
 """
 
 from __future__ import annotations
@@ -56,7 +54,7 @@ class LocalSizes(Record):
     layers: Array
 
     def asked_at(self, places: Array) -> Array:
-        """Sizes (n,) that elements at places (n, 3) may have: those of the nearest points, growing from there."""
+        """Largest sizes (n,) of elements at places (n, 3): the nearest points' sizes, growing with the distance."""
         if len(self.points) == 0:
             return np.full(len(places), np.inf)
         distance, nearest = cKDTree(self.points).query(
@@ -65,7 +63,7 @@ class LocalSizes(Record):
         return np.asarray((self.sizes[nearest] + GRADING * distance).min(axis=1), np.float64)
 
     def first_layer(self, places: Array) -> Array:
-        """Thickness (n,) at places (n, 3): that of the nearest edge point."""
+        """Thickness (n,) at places (n, 3), from the nearest edge point."""
         if len(self.edge_points) == 0:
             return np.full(len(places), np.inf)
         _, nearest = cKDTree(self.edge_points).query(places)
@@ -74,11 +72,11 @@ class LocalSizes(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MesherCells(Record):
-    """The mesher's own tetrahedra: number (m,) of that in which each tetrahedron of the mesh lies; centres (k, 3) and
-    sizes (k,) in m, in terms of what the mesher is asked for.
+    """The mesher's own tetrahedra. number (m,): the mesher's tetrahedron around each tetrahedron of the mesh; centres
+    (k, 3), m; sizes (k,), m: the size to ask the mesher for to get such a tetrahedron.
 
-    In thin walls it makes edges longer than it was asked for; there the size that was asked for counts, so that a
-    smaller one has an effect."""
+    In thin walls the mesher makes edges longer than asked for; there the size is the one asked for, so that a smaller
+    one has an effect."""
 
     number: Index
     centres: Array
@@ -88,7 +86,7 @@ class MesherCells(Record):
     def of(
         cls, points: Array, tets: Index, number: Index, largest: Array, local: LocalSizes | None = None
     ) -> MesherCells:
-        """Of the mesher's points and tets (k, 4), which were to be no larger than `largest` (k,) and `local`."""
+        """The cells of the mesher's points and tets (k, 4), for which sizes `largest` (k,) and `local` were asked."""
         corners = points[tets]
         edges = np.linalg.norm(corners[:, TET_EDGES[:, 0]] - corners[:, TET_EDGES[:, 1]], axis=2)
         centres = corners.mean(axis=1)
@@ -104,18 +102,18 @@ _MILLIMETRE = 1e-3
 _CURVATURE_SAFETY = 2.4
 # Shapes that another program has made.
 _FOREIGN = (StepFile, TriangleSurface, MeshFile, VolumeMesh)
-# In the order of the mesher's own nodes.
+# Edges by the number of an element's corners, in the order of the mesher's second-order nodes.
 _EDGES = {4: TET_EDGES, 3: TRIANGLE_SIDES[::-1]}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MesherMesh(Record):
-    """What the mesher made of solids.
+    """The mesh of solids.
 
-    points (n, 3), m; elements (m, 4), tetrahedra, or (m, 3), triangles of the surfaces; solids: number of the solid in
-    which a tetrahedron lies, (m,), or of those on both sides of a triangle, (m, 2), -1 for air; solid_edges (k, 2):
-    segments along the edges of the solids; ends (e, 2): of all edges of elements, sorted, lexicographic; midpoints
-    (e, 3): theirs, on the true surface.
+    points (n, 3), m; elements (m, 4), tetrahedra, or (m, 3), triangles of the surfaces; solids: number of the solid of
+    a tetrahedron, (m,), or of the solids on both sides of a triangle, (m, 2), -1 for air; solid_edges (k, 2): segments
+    along the edges of the solids; ends (e, 2): of all edges of elements, sorted, lexicographic; midpoints (e, 3) of
+    these edges on the true surface.
     """
 
     points: Array
@@ -131,12 +129,12 @@ class MesherMesh(Record):
 
     @property
     def arrays(self) -> dict[str, Any]:
-        """By the names of the fields."""
+        """The arrays by their names."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 class KeptMeshes:
-    """Meshes by their keys: those used last, as long as they are no more than `most_bytes` together."""
+    """Meshes by their keys: the last ones used, no more than `most_bytes` together, but always one."""
 
     def __init__(self, most_bytes: int = _MOST_BYTES) -> None:
         self._most_bytes = most_bytes
@@ -157,7 +155,7 @@ class KeptMeshes:
         return mesh
 
     def forget(self) -> None:
-        """Keep none in memory."""
+        """Drop all meshes from memory."""
         with self._lock:
             self._meshes.clear()
 
@@ -179,10 +177,10 @@ def mesh_solids(
     local: LocalSizes | None = None,
     surface_only: bool = False,
 ) -> MesherMesh:
-    """The mesh of glued solids, whose names are those of the device's bodies.
+    """The mesh of glued solids, which have the names of the device's bodies.
 
-    refinement: divides the sizes of the bodies; local: sizes at points beside those; surface_only: triangles, and no
-    tetrahedra are made. The arrays are shared and cannot be written to. Raises GeometryError where the mesher fails,
+    refinement: divides the sizes of the bodies; local: further sizes, at points; surface_only: make triangles and no
+    tetrahedra. The arrays are shared and cannot be written to. Raises GeometryError where the mesher fails,
     InputError for a folder of meshes that cannot be made.
     """
     sizes = {body.name: (body.mesh_size or 0.0) / _MILLIMETRE / refinement for body in device.bodies}
@@ -205,7 +203,7 @@ def _key(
     local: LocalSizes | None,
     surface_only: bool,
 ) -> str:
-    """Of all that the mesher is given: solids bit by bit, sizes, numbers of this file, version."""
+    """Hash of the mesher's input: solids bit by bit, sizes, constants of this module, and version."""
     with tempfile.TemporaryDirectory() as folder:
         file = os.path.join(folder, "solids")
         shape.WriteBrep(file, withTriangles=False, binary=True)
@@ -229,8 +227,8 @@ def _made_apart(
     local: LocalSizes | None,
     surface_only: bool,
 ) -> MesherMesh | None:
-    """The mesh that another process makes, which a fault of the mesher may end: surfaces of other programs can be worse
-    than the checks see. None where that process cannot do it. Raises GeometryError."""
+    """The mesh, made by another process: on surfaces of other programs the mesher may crash in spite of all checks.
+    None if the other process makes no mesh. Raises GeometryError if it crashes or refuses."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         shape.WriteBrep(str(folder / "solids.brep"), withTriangles=False)
@@ -253,7 +251,7 @@ def _made_apart(
 
 
 def mesh_in_folder(name: str) -> None:
-    """What the other process does for `_made_apart`."""
+    """Make the mesh for `_made_apart`, in the other process."""
     folder = Path(name)
     asked = json.loads((folder / "asked.json").read_text(encoding="utf-8"))
     shape = shapes.occ.OCCGeometry(str(folder / "solids.brep")).shape
@@ -289,7 +287,7 @@ def _generated(
     for solid in shape.solids:
         solid.maxh = sizes[solid.name]
     until = {"perfstepsend": MeshingStep.MESHSURFACE} if surface_only else {}
-    # Not parallel: the same mesh for a third to four fifths of the processor time. Its threads turn while they wait.
+    # Not parallel: the same mesh for a third to four fifths of the processor time, because waiting threads spin.
     wanted = MeshingParameters(
         maxh=max(sizes.values()),
         grading=GRADING,
@@ -305,12 +303,14 @@ def _generated(
     except Exception as error:  # the mesher's exception type is not exported
         must_hold = "must have a mesh at these sizes"
         received = f"the mesher stopped with {str(error).strip() or type(error).__name__!r}, refinement {refinement:g}"
-        remedy = "take smaller elements: a larger refinement, or mesh_size_mm of the bodies that touch"
+        # Those of neighbouring sizes often fail as well.
+        larger = f"a refinement of {1.2 * refinement:.2g} or more"
+        remedy = f"take smaller elements: {larger}, or a smaller mesh_size_mm of the bodies that touch"
         raise GeometryError.of(where, must_hold, received, remedy) from error
 
 
 def _arrays(mesh: Any, surface_only: bool) -> MesherMesh:
-    """The mesher's domains are the glued solids in their order, from 1; 0 is the air."""
+    """The mesh as arrays. The mesher's domains are the glued solids in their order, from 1; 0 is the air."""
     corners = 3 if surface_only else 4
     elements = (mesh.Elements2D() if surface_only else mesh.Elements3D()).NumPy()
     index = elements["index"] - 1
@@ -332,7 +332,7 @@ def _arrays(mesh: Any, surface_only: bool) -> MesherMesh:
 
 
 def _points(mesh: Any) -> Array:
-    """(n, 3), m."""
+    """Points (n, 3) of the mesh, m."""
     return np.array([point.p for point in mesh.Points()]) * _MILLIMETRE
 
 
@@ -341,13 +341,13 @@ def _size(mesh: MesherMesh) -> int:
 
 
 def _from_folder(folder: Path, key: str, make: Callable[[], MesherMesh]) -> MesherMesh:
-    """The mesh of a file; made and written where there is none, or none that can be read. Raises InputError for a
-    folder that cannot be made, before a mesh is."""
+    """The mesh from a file; made and written if no file can be read. Raises InputError for a folder that cannot be
+    made, before a mesh is made."""
     file = folder / f"{key}.npz"
     try:
         with open(file, "rb") as stream, np.load(stream, allow_pickle=False) as stored:
             return MesherMesh(**stored)
-    except Exception:  # of a file of zipped arrays that is cut or is none: there are a dozen kinds
+    except Exception:  # a damaged or missing file of zipped arrays raises a dozen kinds
         pass
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,6 +1,6 @@
 """Triangles of the surfaces of all iron bodies, and nothing inside them: the mesh of the surface form.
 
-The mesher stops after the surface. Rounding of curved surfaces and layers at sharp edges are those of the volume mesh
+The mesher stops after the surface. Curved surfaces are rounded, and layers cut at sharp edges, as in the volume mesh
 (`fieldmap.iron.mesh.mesh`).
 """
 
@@ -27,7 +27,7 @@ from fieldmap.typing import Array, Index
 AIR = -1
 """The number of the air where bodies are numbered."""
 _MILLIMETRES_CUBED = 1e-9
-# Rounding gives flat-faced bodies the volume of the true ones; this far off, a domain is not the body it should be.
+# Relative. Rounded bodies have nearly the true volume; with a larger difference the mesher has confused its domains.
 _SAME_VOLUME = 0.2
 
 
@@ -36,8 +36,8 @@ class IronSurface(BodyMesh):
     """Surfaces of all bodies; bodies that touch share triangles.
 
     points (n, 3) in m; triangles (m, 3); sides (m, 2): number of the solid that the normal leaves and of the one that
-    it enters, -1 for air, which is never left; body (s,): index into `body_names` of every solid: a body may be
-    several.
+    it enters, -1 for air, which is never left; body (s,): index into `body_names` of every solid: a body may have
+    several solids.
     """
 
     points: Array
@@ -88,12 +88,12 @@ class IronSurface(BodyMesh):
 
     @cached_property
     def _boundaries(self) -> tuple[ChargedFaces, ...]:
-        """Of every solid."""
+        """The boundary of every solid."""
         every = (self.around(np.array([number])) for number in self.all_solids)
         return tuple(ChargedFaces.from_nodes(self.points, triangles) for triangles in every)
 
     def outlines(self) -> tuple[Outline, ...]:
-        """The surface of every body, faces that it shares with others among them."""
+        """The surface of every body, with the faces that it shares with other bodies."""
         return tuple(
             outline_of(name, self.points, self.around(self.solids_of(name))) for name in self.body_names
         )

@@ -1,1 +1,1 @@
-"""What the mesh alone decides: the charged surface, its mutual potentials, the air, the sparse interior."""
+"""Operators that depend on the mesh alone: charged surface, mutual potentials, air, sparse systems of the interior."""

@@ -13,15 +13,16 @@ from fieldmap.iron.operators.mutual import DenseMutualPotential, MutualPotential
 from fieldmap.iron.topology import Faces, build_faces
 from fieldmap.records import Record
 
-# Double matrix and double factor, where a single one is not positive definite; else 13 at peak, 12 kept.
+# Bytes per pair of faces, dense: matrix and factor, both double if the single matrix is not positive definite; with a
+# single factor there are 13 at peak and 12 afterwards.
 _BYTES_PER_PAIR = 16
-# About, compressed.
+# Approximate bytes per face, compressed.
 _COMPRESSED_PER_FACE = 12e3
 # Part of the machine's memory that one solve may take.
 _MEMORY_SHARE = 0.8
-# Without symmetry one linear solve of the drive unit takes the same processor time either way at 12 700 faces, dense
-# four times the memory. With one mirror dense takes half of the time, at 15 000 faces as at 21 000; there memory is
-# the reason for a bound, and this one holds it at 2.3 GB whatever the symmetry.
+# Most faces for dense storage without symmetry. One linear solve of the drive unit with 12 700 faces takes the same
+# processor time dense or compressed, dense with four times the memory. With one mirror dense takes half of the time, at
+# 15 000 faces and at 21 000; there the bound limits memory, to 2.3 GB for any symmetry.
 _DENSE_FACES = 12_000
 
 
@@ -41,14 +42,13 @@ class AssembledIron(Record):
 
     @property
     def symmetry(self) -> str:
-        """What of the iron's symmetry is used, in words for the report."""
+        """The part of the iron's symmetry that is used, in words for the report."""
         used = self.mesh.symmetry
         return "none" if used is None else f"{used.group}, used: {self.mutual.storage}"
 
 
 def fits_into_memory(mesh: IronMesh) -> bool:
-    """Whether the mutual potentials and their inverse fit, dense or compressed. True where the
-    memory of the machine is not known."""
+    """Whether the mutual potentials and their inverse fit, dense or compressed. True if the memory is not known."""
     have = memory_bytes()
     surface = _charged_faces(mesh, build_faces(mesh.points, mesh.tets))
     storage = chosen_storage(len(surface.areas), _operations(mesh))
@@ -56,11 +56,11 @@ def fits_into_memory(mesh: IronMesh) -> bool:
 
 
 def chosen_storage(faces: int, operations: int) -> str:
-    """How the mutual potentials of so many surface faces are stored, with so many operations of the mesh's symmetry:
-    "dense" while that is quicker and fits into memory, otherwise "compressed"."""
+    """How mutual potentials are stored: "dense" while that is quicker and fits into memory, otherwise "compressed".
+    faces: number of surface faces; operations: number of operations of the mesh's symmetry."""
     have = memory_bytes()
     fits = have is None or _BYTES_PER_PAIR * faces**2 / operations < have
-    # The work of the blocks of a symmetry falls with the square of its order, that of the compression does not.
+    # A symmetry of order g divides the work of the dense blocks by g^2; it does not reduce the work of compression.
     return "dense" if faces <= _DENSE_FACES * math.sqrt(operations) and fits else "compressed"
 
 
@@ -121,7 +121,7 @@ def _needed_bytes(mesh: IronMesh, surface: ChargedFaces, storage: str) -> int:
 
 
 def expected_bytes(faces: float, operations: int = 1) -> float:
-    """Memory that the mutual potentials of so many faces will take, with so many operations of the mesh's symmetry."""
+    """Memory, bytes, of the mutual potentials of `faces` faces, with `operations` of the mesh's symmetry."""
     if chosen_storage(round(faces), operations) == "dense":
         return _BYTES_PER_PAIR * faces**2 / operations
     return _COMPRESSED_PER_FACE * faces

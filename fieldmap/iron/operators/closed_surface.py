@@ -9,8 +9,8 @@ V^-1 (M/2 - K) u. Put into the second of Calderon's equations this gives, in bot
     S = D + B^T V^-1 B,      B = M/2 + K inside,  M/2 - K outside,                 (S u) . v = int grad u . grad v dV
 
 the Steklov-Poincare operator (M. Costabel, Boundary Elements IX (1987) 411; O. Steinbach, Numerical Approximation
-Methods for Elliptic Boundary Value Problems, Springer 2008, section 6.6). Constants have no field inside: B 1 = 0, to
-which the sums of K's rows are corrected.
+Methods for Elliptic Boundary Value Problems, Springer 2008, section 6.6). Constants have no field inside: B 1 = 0. The
+rows of K are corrected so that this holds exactly.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from fieldmap.records import Record
 from fieldmap.threads import over_rows
 from fieldmap.typing import Array, Index
 
-# Of the inverse of W, from single precision: twelve digits.
+# Refinements of the inverse of W, whose factor is in single precision: twelve digits.
 _REFINEMENTS = 2
 
 
@@ -60,7 +60,7 @@ class ClosedSurface(Record):
         return cls(nodes, local, faces, DenseMutualPotential(faces.mutual_potential()), double)
 
     def part(self, chosen: Index) -> ClosedSurface:
-        """Some of the closed surfaces, by their triangles (k,); their own matrices, and nothing is computed."""
+        """Some of the closed surfaces, by their triangles (k,). Their matrices are copied, not computed."""
         if len(chosen) == len(self.triangles):
             return self
         used, number = np.unique(self.triangles[chosen], return_inverse=True)
@@ -72,7 +72,7 @@ class ClosedSurface(Record):
     def correct_constants(self, chosen: Index) -> None:
         """Correct K so that inside these triangles (k,), which bound one piece, constants have no field.
 
-        The sum of a row is -1/2 but for the quadrature; what is missing is given to the triangle's own corners.
+        The sum of a row is -1/2; the error of the quadrature is corrected at the triangle's own corners.
         """
         corners = self.triangles[chosen]
         used = np.unique(corners)
@@ -120,7 +120,7 @@ def corner_curls(faces: ChargedFaces) -> Array:
 @dataclass(frozen=True, eq=False, repr=False)
 class Potentials(Record):
     """Potentials c on a closed surface, which may jump along a cut round a handle: their surface curls times area
-    (n, 3, c), and their means B (n, c), half of their own and those of their double layer with that of the cut."""
+    (n, 3, c), and B u (n, c), in which the double layer includes the cut's."""
 
     curl: Array
     means: Array
@@ -129,13 +129,13 @@ class Potentials(Record):
         return Potentials(self.curl + other.curl, self.means + other.means)
 
     def part(self, columns: slice) -> Potentials:
-        """Some of them."""
+        """Some of the potentials."""
         return Potentials(self.curl[:, :, columns], self.means[:, columns])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Side(Record):
-    """One side of a closed surface: B and S. inside: or outside."""
+    """The inside or the outside of a closed surface, with its B and S."""
 
     surface: ClosedSurface
     inside: bool
@@ -145,7 +145,7 @@ class Side(Record):
         return 1.0 if self.inside else -1.0
 
     def potentials(self, nodal: Array) -> Potentials:
-        """Of nodal values (v, c) without cuts."""
+        """The potentials of nodal values (v, c), without cuts."""
         curl = np.stack([component @ nodal for component in self.surface.curls], axis=1)
         return Potentials(curl, self._means(nodal))
 
@@ -166,12 +166,12 @@ class Side(Record):
 
     def _tested(self, means: Array) -> Array:
         """B^T V^-1 m (v, c) for m (n, c)."""
-        # One refinement: what S is asked for here decides its own symmetric, fixed approximation to seven digits.
+        # With one refinement S is a symmetric, fixed map, exact to seven digits.
         charge = self.surface.mutual.solve(means, 1)
         return 0.5 * (self.surface.means.T @ charge) + self._sign * (self.surface.double.T @ charge)
 
     def energy(self, one: Potentials, other: Potentials) -> Array:
-        """Integrals (c, k) of the products of their gradients over the side."""
+        """Integrals (c, k) over the side of products of the potentials' gradients."""
         out = one.means.T @ self.surface.charge(other.means)
         for d in range(3):
             out = out + one.curl[:, d].T @ (self.surface.mutual @ other.curl[:, d])

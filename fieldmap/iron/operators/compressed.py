@@ -42,7 +42,7 @@ class Clusters(Record):
 
     @classmethod
     def of(cls, faces: ChargedFaces, leaf_size: int) -> "Clusters":
-        """Cut until no leaf has more than `leaf_size` faces."""
+        """Clusters of faces, cut until no leaf has more than `leaf_size` faces."""
         count = len(faces.areas)
         order = np.arange(count)
         offset = [np.array([0, count])]
@@ -101,13 +101,13 @@ def _ranges(offset: Index, pairs: Index) -> Index:
 
 
 _LANCZOS_STEPS = 16
-# The extreme eigenvalues lie a little outside those that Lanczos has found; the smallest are found last.
+# Factors on the extreme eigenvalues of Lanczos: the true ones lie a little outside, and the smallest converges last.
 _BELOW, _ABOVE = 0.85, 1.05
 
 
 def spectrum(apply: Callable[[Array], Array], count: int) -> tuple[float, float]:
     """Bounds of the eigenvalues of a symmetric, positive definite map of vectors (n, 1), by Lanczos from a fixed
-    random start, with the margins stated above."""
+    random start, with the factors above."""
     basis = np.zeros((count, _LANCZOS_STEPS))
     start = np.random.default_rng(1).standard_normal(count)
     basis[:, 0] = start / np.linalg.norm(start)
@@ -157,9 +157,8 @@ def chebyshev(
 
 
 def earlier_neighbours(order: Index, centres: Array, width: int) -> tuple[Index, Index]:
-    """Nearest faces among those earlier in the order, and last the face itself, for the face at every place of the
-    order: (n, width) and the number (n,) of entries that are set. The search doubles the number of faces from step to
-    step."""
+    """For the face at every place of the order: the nearest faces among the earlier ones, with the face itself last,
+    (n, width), and the number (n,) of entries in use. Each step of the search doubles the number of faces."""
     count = len(order)
     x = centres[order]
     columns = np.zeros((count, width), np.int64)
@@ -215,12 +214,12 @@ _LEAF_SIZE = 64
 _SEPARATION = 0.7
 # Far blocks of higher rank are cut in four; none was met.
 _RANK_LIMIT = 64
-# Into which a product is divided, for as many threads at most.
+# Number of parts of a product: the most threads that can share it.
 _PARTS = 8
-# How many numbers the scratch holds that is used while far blocks are made: 200 MB.
+# Size of the scratch for making far blocks, in numbers of 8 bytes: 200 MB.
 _SCRATCH = 25_000_000
-# Entries in a row of the sparse inverse. Relative error of `solve` without refinement; each refinement reduces it by as
-# much again.
+# Most entries in a row of the sparse inverse. Relative error of `solve` without refinement; each refinement multiplies
+# the error by this number.
 _ROW_WIDTH = 96
 _SOLVE_TOLERANCE = 3e-4
 # Rank of a far block, averaged over its rows and columns: measured 9 to 13, for the prediction of memory.
@@ -238,7 +237,7 @@ class _FarBlocks:
 
 
 class CompressedMutualPotential(MutualPotential):
-    """W of many faces by blocks. tolerance: of every far block."""
+    """W of many faces by blocks. tolerance: relative error of every far block."""
 
     def __init__(self, faces: ChargedFaces, tolerance: float = TOLERANCE) -> None:
         self._clusters = Clusters.of(faces, _LEAF_SIZE)
@@ -304,7 +303,7 @@ class CompressedMutualPotential(MutualPotential):
         padded = np.zeros((count, 4 * groups))
         padded[:, :columns] = charge
         x = np.ascontiguousarray(padded.reshape(count, groups, 4).swapaxes(0, 1))
-        # As many sums as parts, whatever the number of threads: then the result has the same bits.
+        # One sum per part, for any number of threads: the result always has the same bits.
         y = np.zeros((_PARTS, *x.shape))
         # Each of the parts reads its share of the stored numbers once for four columns.
         work = self._near_data.size * groups / len(y)

@@ -1,12 +1,12 @@
 """Linear systems of the iron: GMRES for several right-hand sides, sums over elements, and sparse Cholesky factors.
 
 In GMRES one application of the operator serves every column. Each column keeps its own Arnoldi basis (Saad and
-Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856); the columns only share the products, which are what costs.
+Schultz, SIAM J. Sci. Stat. Comput. 7 (1986) 856); the columns share only the products, which take most of the time.
 
-Sparse, symmetric, positive definite systems are solved directly: one analysis for each pattern, then numbers only. The
-order of elimination is nested dissection of the matrix's graph (METIS: Karypis and Kumar, SIAM J. Sci. Comput. 20
-(1998) 359): `fieldmap.kernels.iron.sparse_cholesky`. The global matrices are sums of those of the elements, which all
-have one pattern.
+Sparse, symmetric, positive definite systems are solved directly (`fieldmap.kernels.iron.sparse_cholesky`). A pattern is
+analysed once, then factored for each set of numbers. The order of elimination is nested dissection of the matrix's
+graph (METIS: Karypis and Kumar, SIAM J. Sci. Comput. 20 (1998) 359). The global matrices are sums of element matrices
+and all have one pattern.
 """
 
 import importlib.util
@@ -33,7 +33,7 @@ def block_gmres(
     apply: Callable[[Array], Array], right: Array, tolerance: float, max_iterations: int
 ) -> tuple[Array, list[Array]]:
     """Solve apply(x) = right for right (n, c). Returns x (n, c) and the residual norms (c,) after each step,
-    relative to those of the right-hand side. `apply` should be preconditioned."""
+    relative to the norms of the right-hand side. `apply` should be preconditioned."""
     c = right.shape[1]
     norm = np.linalg.norm(right, axis=0)
     safe = np.where(norm > 0, norm, 1.0)
@@ -65,7 +65,7 @@ def block_gmres(
 
 
 def require_convergence(what: str, history: Sequence[Array | float], tolerance: float) -> tuple[float, ...]:
-    """The largest residuals after each step. Raise NotConverged, with these, unless the last is within the
+    """The largest residual after each step. Raise NotConverged, with all of them, unless the last is within the
     tolerance."""
     residuals = tuple(float(np.max(step)) for step in history)
     if residuals and residuals[-1] <= tolerance:
@@ -76,11 +76,11 @@ def require_convergence(what: str, history: Sequence[Array | float], tolerance: 
     raise NotConverged(Problem(f"iron solver, {what}", must_hold, last, remedy), residuals=residuals)
 
 
-# Up to so many columns, a supernode and the last of its children are joined if at most this share of the joined columns
-# is zero.
+# (columns, share): a supernode and its last child are joined if they have at most this number of columns together, and
+# at most this share of the joined columns is zero.
 _ZEROS = ((16, 0.6), (32, 0.25), (64, 0.1), (10**9, 0.03))
 
-# Fewest columns for which a thread goes through a factor.
+# Fewest right-hand sides per thread: each thread reads the whole factor.
 _COLUMNS_AT_ONCE = 8
 
 
@@ -111,9 +111,9 @@ class SparseFactor:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Elimination(Record):
-    """What the factors of all matrices of one symmetric pattern share: order (n,) of elimination, and supernodes as in
-    `fieldmap.kernels.iron.sparse_cholesky`. entry (k,): which of the matrix's numbers go to the fronts, in their order;
-    entry_start, place: where.
+    """The analysis of a symmetric pattern, for the factors of all its matrices: order (n,) of elimination, and
+    supernodes as in `fieldmap.kernels.iron.sparse_cholesky`. entry (k,): numbers of the matrix's entries in the lower
+    triangle, front by front; entry_start, place: their places in the fronts.
     """
 
     order: Index
@@ -153,10 +153,10 @@ class Elimination(Record):
         rows = rows[np.argsort(rows + of_row)]
 
         def place_in(node: Index, row: Index) -> Index:
-            """Places of rows among those of supernodes, which are sorted."""
+            """Places of rows among the sorted rows of supernodes `node`."""
             return np.searchsorted(rows + of_row, row + count * node) - row_start[node]
 
-        # Of rows of the parent alone it is asked for.
+        # Only the places of rows that the parent has are used.
         relative = place_in(np.repeat(node_parent, sizes), rows)
         panel_start = np.concatenate([[0], np.cumsum(sizes * width)])
         entry_node = np.repeat(number, width)[entry_columns]
@@ -185,7 +185,7 @@ def nested_dissection(matrix: csr_matrix) -> Index:
     rows = np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))
     off = matrix.indices != rows
     pointer = np.concatenate([[0], np.cumsum(np.bincount(rows[off], minlength=matrix.shape[0]))])
-    # Graphs without edges are refused by METIS, and any order does.
+    # METIS refuses graphs without edges; any order serves for them.
     if not off.any():
         return np.arange(matrix.shape[0])
     # METIS comes without a wheel for Windows.
@@ -198,11 +198,11 @@ def nested_dissection(matrix: csr_matrix) -> Index:
 
 
 def minimum_degree(matrix: csr_matrix) -> Index:
-    """Order (n,) of elimination for a matrix with a symmetric pattern, of minimum degree (SuperLU's): 1.2 to 1.4 times
-    the numbers in the factor that nested dissection gives, on grids of 12^3 and 24^3 nodes."""
+    """Order (n,) of elimination for a matrix with a symmetric pattern, by SuperLU's minimum degree. The factor has 1.2
+    to 1.4 times as many entries as with nested dissection, on grids of 12^3 and 24^3 nodes."""
     size = matrix.shape[0]
     pattern = csc_matrix((np.ones(matrix.nnz), matrix.indices, matrix.indptr), shape=matrix.shape)
-    # An incomplete factor that drops all it may: its order is what is wanted.
+    # An incomplete factor that drops all it may, because only its order is needed.
     dominant = csc_matrix(pattern + diags_array(np.full(size, float(size))))
     rough = spilu(dominant, drop_tol=1.0, fill_factor=1.0, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0)
     return np.argsort(rough.perm_c).astype(np.int64)
@@ -221,8 +221,8 @@ def _lower(matrix: csr_matrix, order: Index) -> tuple[Index, Index]:
 
 
 def _supernodes(parent: Index, counts: Index) -> tuple[Index, Index, Index]:
-    """First columns (m + 1,), parents (m,) and numbers of rows (m,) of supernodes: columns of the factor with these
-    parents and numbers of entries, each joined with the last child before it as long as few zeros come in."""
+    """First columns (m + 1,), parents (m,) and numbers of rows (m,) of supernodes. The columns of the factor have
+    `parent` and `counts` entries; a column is joined with its last child if this adds few zeros (`_ZEROS`)."""
     columns, (widths, shares) = np.arange(len(parent) + 1), np.array(_ZEROS).T
     begin, size, into = kernel.join_supernodes(columns, parent, counts, widths, shares)
     kept = np.flatnonzero(into == columns[:-1])
@@ -231,8 +231,8 @@ def _supernodes(parent: Index, counts: Index) -> tuple[Index, Index, Index]:
 
 
 class ElementSums:
-    """unknowns (e, k): numbers of every element's unknowns, of `count` in all; order: that of their elimination, None:
-    `nested_dissection` of the pattern. Entries of matrices are held in one order: rows one after the other, columns
+    """Sums of element vectors and matrices. unknowns (e, k): numbers of every element's unknowns, `count` in all;
+    order: of elimination, None: `nested_dissection` of the pattern. Entries of matrices are held row by row, columns
     rising."""
 
     def __init__(self, unknowns: Index, count: int, order: Callable[[], Index] | None = None) -> None:
@@ -255,7 +255,7 @@ class ElementSums:
 
     @cached_property
     def elimination(self) -> Elimination:
-        """How matrices of this pattern are factored."""
+        """The analysis of the pattern, for factors."""
         order = None if self._order is None else self._order()
         return Elimination.of(self.pattern, order)
 
@@ -268,7 +268,7 @@ class ElementSums:
         return np.asarray(np.bincount(self._place, elements.ravel(), len(self._keys)), float)
 
     def entries_of(self, matrix: csr_matrix) -> Array:
-        """Entries of a matrix (n, n) whose own lie within the pattern."""
+        """Entries of a matrix (n, n) whose pattern lies within this one."""
         found = matrix.tocoo()
         place = np.searchsorted(self._keys, found.row.astype(np.int64) * self._count + found.col)
         return np.asarray(np.bincount(place, found.data, len(self._keys)), float)
@@ -282,7 +282,7 @@ class ElementSums:
         return self.elimination.factor(entries)
 
     def rough_factor(self, entries: Array) -> SparseFactor:
-        """As `factor`, in single precision, half the time and memory, where the matrix is positive definite to it."""
+        """As `factor`, in single precision (half the time and memory) if the matrix is positive definite in it."""
         try:
             return self.elimination.factor(entries, np.float32)
         except NotConverged:

@@ -1,16 +1,15 @@
-"""The mutual potentials of the surface faces and their inverse: what the forms ask of them, and the dense matrix.
+"""The mutual potentials of the surface faces and their inverse: the interface for the forms, and dense matrices.
 
-Its Cholesky factor and inverse are found while other threads of this process go on: SciPy's functions hold the
-interpreter's lock until LAPACK is done, and the same routines are called here by their addresses
-(scipy.linalg.cython_lapack), without it.
+Other threads run while a Cholesky factor or an inverse is computed. SciPy's functions hold the interpreter's lock until
+LAPACK is done, so LAPACK's routines are called here by their addresses (scipy.linalg.cython_lapack), without the lock.
 
 W of a mesh with mirrors is one block for each irreducible representation of their group. Faces are numbered (r, a):
 face r of one chamber, moved by operation a. W commutes with the operations, so that
 
     W[(r, a), (s, b)] = w(a^-1 b)[r, s],
 
-and its first block row, N^2/g numbers, is all there is. In the coefficients X_ij = sqrt(d/g) sum_a rho_ij(a) x(a) of
-an irreducible representation rho of dimension d it is one block of size d N/g, used for each of the d rows i:
+and its first block row, N^2/g numbers, determines it. In the coefficients X_ij = sqrt(d/g) sum_a rho_ij(a) x(a) of
+an irreducible representation rho of dimension d, W is one block of size d N/g, used for each of the d rows i:
 
     (W x)_ij = sum_k V_jk X_ik,      V_jk = sum_c rho_jk(c) w(c).
 
@@ -42,7 +41,7 @@ _PREFIX = {np.dtype(np.float32): "s", np.dtype(np.float64): "d"}
 def cholesky_in_place(matrix: NDArray[np.floating[Any]]) -> None:
     """Overwrite the lower triangle of a matrix (n, n) in Fortran's order, float32 or float64, with its factor L.
 
-    Raises LinAlgError if the matrix is not positive definite; what it holds then is of no use.
+    Raises LinAlgError if the matrix is not positive definite; its contents are then undefined.
     """
     failed = _call("potrf", matrix)
     if failed:
@@ -50,7 +49,7 @@ def cholesky_in_place(matrix: NDArray[np.floating[Any]]) -> None:
 
 
 def inverse_in_place(factor: NDArray[np.floating[Any]]) -> None:
-    """Overwrite the lower triangle of a factor L (n, n) in Fortran's order with that of (L L^T)^-1.
+    """Overwrite the lower triangle of a factor L (n, n) in Fortran's order with the lower triangle of (L L^T)^-1.
 
     Raises LinAlgError for a zero on the diagonal.
     """
@@ -76,17 +75,17 @@ def _function(name: str) -> Any:
     return prototype(get_cython_function_address("scipy.linalg.cython_lapack", name))
 
 
-# Fewest columns for which a thread goes through a matrix: with fewer, the way to the memory decides.
+# Fewest columns per thread of a product: with fewer, memory bandwidth limits the speed.
 _COLUMNS_AT_ONCE = 8
 # Numbers that are scaled at a time: 8 MB.
 _NUMBERS_AT_ONCE = 1_000_000
 
 
 class MutualPotential(ABC):
-    """W (s, s), see `fieldmap.kernels.iron.mutual_potential`: symmetric, positive definite, however it is stored.
+    """W (s, s), see `fieldmap.kernels.iron.mutual_potential`: symmetric, positive definite, in one of several storages.
 
-    diagonal (s,): mean potentials of the faces' own unit charges; bytes: memory of the matrix and of what its inverse
-    needs; storage: how it is stored, in words, for the report.
+    diagonal (s,): mean potentials of the faces' own unit charges; bytes: memory of the matrix and of the data for its
+    inverse; storage: how it is stored, in words, for the report.
     """
 
     diagonal: Array
@@ -100,8 +99,8 @@ class MutualPotential(ABC):
     def solve(self, potential: Array, refinements: int = 0) -> Array:
         """Charges (s, c) with these mean potentials (s, c).
 
-        Without refinement a fixed linear map, good as a preconditioner (three digits or more); each refinement with
-        the matrix itself gains as many again.
+        Without refinement this is a fixed linear map to three digits or more, good as a preconditioner. Each refinement
+        with the matrix itself gains the same number of digits.
         """
         charge = self._approximate(potential)
         for _ in range(refinements):
@@ -116,8 +115,8 @@ class MutualPotential(ABC):
 class DenseMutualPotential(MutualPotential):
     """The whole matrix, with its Cholesky factor in single precision.
 
-    Half the time and memory of a double factor; what needs more digits refines with the matrix itself, about four
-    at a time. explicit_inverse: hold the inverse in the place of the factor. It costs twice the factorisation, and each
+    The factor takes half the time and memory of a double one; each refinement with the matrix itself gains about four
+    digits. explicit_inverse: hold the inverse in place of the factor. It costs twice the factorisation, and each
     solution for one column then takes a fifth of the time: one pass over half a matrix.
     """
 
@@ -139,12 +138,12 @@ class DenseMutualPotential(MutualPotential):
         self.bytes = matrix.nbytes + self._factor.nbytes
 
     def _scaled(self, precision: type[np.floating[Any]]) -> NDArray[np.floating[Any]]:
-        """The matrix with a unit diagonal, in Fortran's order, row by row: nothing else of its size is made."""
+        """The matrix with a unit diagonal, in Fortran's order; made in pieces, without a temporary of its size."""
         out = np.empty(self.matrix.shape, precision, order="F")
         step = max(1, _NUMBERS_AT_ONCE // len(out))
         for start in range(0, len(out), step):
             here = slice(start, start + step)
-            # Symmetric: rows of the one are columns of the other.
+            # The matrix is symmetric: its rows are its columns.
             out[:, here] = (self.matrix[here] * self._scale[here] * self._scale.T).T
         return out
 
@@ -160,7 +159,7 @@ class DenseMutualPotential(MutualPotential):
 
 
 def _product(matrix: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
-    """Product of a symmetric matrix (n, n), of which the upper triangle counts, with (n, c)."""
+    """Product of a symmetric matrix (n, n) with (n, c); only the upper triangle is read."""
     columns = np.ascontiguousarray(right.T, matrix.dtype)
     out = np.empty_like(columns)
 
@@ -263,7 +262,7 @@ def _blocks(
             view = total.reshape(matrices.shape[1], count, matrices.shape[1], count)
             for j, k in np.ndindex(matrices.shape[1:]):
                 if c == 0:
-                    # The identity: nothing is there yet.
+                    # The identity comes first: the block is still empty.
                     view[j, :, k] = block if j == k else 0.0
                     continue
                 _add(view[j, :, k], matrices[c, j, k], block)
@@ -279,7 +278,7 @@ def _blocks(
 
 
 def _side_by_side(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
-    """function(item) of every item; in threads, unless linear algebra has more of them for one item."""
+    """function(item) of every item; in threads, unless linear algebra uses more threads than there are items."""
     threads = threads_of_kernels()
     if len(items) < 2 or threads < 2 or threads_of_linear_algebra() > len(items):
         return [function(item) for item in items]

@@ -10,8 +10,8 @@ the iron. In the potential form R_p . v = int m . grad v with m the change of mu
 
     m = (db/dh - 1) t' + b'(h) + b_r',
 
-where t' is the change of the applied field, b' that of the law and b_r' that of the remanence. The flux linkage of
-coil k, int mu0 M . t_k dV / mu0 plus that in air, follows m in the same way; fields at points depend on phi through
+where t', b' and b_r' are the changes of the applied field, the law and the remanence. The flux linkage of coil k,
+int mu0 M . t_k dV / mu0 plus the linkage in air, changes with m in the same way; fields at points depend on phi through
 the charges of the surface. (D. G. Cacuci, J. Math. Phys. 22 (1981) 2794; for magnetostatics S. Gitosusastro, J. L.
 Coulomb and J. C. Sabonnadiere, IEEE Trans. Magn. 25 (1989) 2834.)
 
@@ -58,7 +58,7 @@ _AT_ONCE = 12
 
 @dataclass(frozen=True, eq=False, repr=False)
 class IronProblem(Record):
-    """The equations of the iron of a state. unit: the field in it of one ampere in each coil."""
+    """The equations of the iron of a state. unit: the field in the iron of one ampere in each coil."""
 
     form: PotentialForm
     unit: CoilField
@@ -197,7 +197,7 @@ class _Inside:
         self._moved = MovedBodies(origin.device, self._mesh, problem.form.iron.topology)
 
     def derivatives(self, points: Array, weights: Weights, follows: Sequence[_Follow]) -> Array:
-        """What the iron adds to derivatives (k, p)."""
+        """The iron's part of derivatives (k, p)."""
         adjoint = self._adjoint(points, weights)
         elements, linkage = self._elements, weights.linkage / MU0
         cover = elements.point_gradients(adjoint)
@@ -303,8 +303,8 @@ def _added(one: Array | None, other: Array) -> Array:
 
 
 class Origin:
-    """The device of states. linear: whether its iron was solved as linear; mu_r: of all soft bodies, None for their
-    own."""
+    """The device of states. linear: whether its iron was solved as linear; mu_r: of all soft bodies, None for each
+    body's own."""
 
     def __init__(self, device: Device, linear: bool, mu_r: float | None = None) -> None:
         self.device, self.linear, self.mu_r = device, linear, mu_r
@@ -346,7 +346,7 @@ class Origin:
         rows = rows.reshape(len(changes), len(weights.field)).T
         if problem is not None:
             inside = _Inside(self, state, problem)
-            # How the iron depends on the parameters is the same for all numbers of the quantity.
+            # The iron's derivatives by the parameters serve all numbers of the quantity.
             follows = [inside.follow(change) for change in changes]
             for start in range(0, len(rows), _AT_ONCE):
                 batch = slice(start, start + _AT_ONCE)

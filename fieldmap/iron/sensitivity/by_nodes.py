@@ -1,4 +1,4 @@
-"""How numbers of a state follow the nodes of its mesh: one pass over elements and pairs of faces, for any movement.
+"""Derivatives of a state by the nodes of its mesh: one pass over elements and pairs of faces, for any movement.
 
 With R the residual of the potential form and lambda an adjoint,
 
@@ -8,27 +8,24 @@ and for q = W^-1 M phi (charges) and z, the smoothest potential with the face me
 
     d(lambda . S phi) = -q_lambda . dW q_phi - z_lambda . dK z_phi,
 
-with K the stiffness at mu_r = 1 (`fieldmap.iron.elements.potential_form`). What is seen through the charges at points
-follows W in the same way, and the places of the charges.
+with K the stiffness at mu_r = 1 (`fieldmap.iron.elements.potential_form`). Fields at points depend on W through the
+charges in the same way, and on the places of the charges.
 
-Within an element that is deformed by the velocity gradient L, gradients a of potentials and circulations follow by
--L^T a and the volume by tr L, so that an integral follows by a matrix P: L,
+Within an element that is deformed by the velocity gradient L, gradients a of potentials and circulations change by
+-L^T a and the volume by tr L, so that an integral changes by P : L with a matrix P,
 
     int (M . u),      P = (M . u) 1 - h (db/dh - 1) u - u M,        int (a . b),      P = (a . b) 1 - a b - b a,
 
-with mu0 M the polarisation at mu0 H = h. The field of the coils, which has no curl there, changes along a movement v by
-the gradient of B . v as well: its circulation along an edge follows its ends alone, but for the error of the rule that
-it is computed by, which counts close to a winding.
+with mu0 M the polarisation at mu0 H = h. The field of the coils, which has no curl there, also changes by the gradient
+of B . v in a movement v. Its circulation along an edge depends on the edge's ends alone, but for the quadrature error,
+which matters close to a winding.
 
-How sums over the mutual potentials of the surface faces follow the nodes of their mesh.
-
-One pass over the pairs of faces gives the derivatives by all nodes, whatever moves them. Where operations a map the
-mesh onto itself, face i of one chamber stands for all its images, and a sum over pairs is one over pairs with a face
-there:
+One pass over the pairs of faces gives the derivatives of sums over mutual potentials by all nodes. If operations a map
+the mesh onto itself, only pairs with a face i in one chamber are computed,
 
     sum_ij x_i y_j G(i, j)  =  sum_a sum_(i in the chamber) sum_j x_ai y_aj G(ai, aj),
 
-with the derivative of G(ai, aj) that of G(i, j), turned by a. Charges need not have the symmetry.
+where the derivative of G(ai, aj) is the derivative of G(i, j), turned by a. Charges need not have the symmetry.
 """
 
 from __future__ import annotations
@@ -55,9 +52,9 @@ from fieldmap.sources import unit_flux_densities, unit_flux_density_and_gradient
 from fieldmap.threads import over_rows
 from fieldmap.typing import Array, Index
 
-# Into which the close pairs are divided for threads.
+# Number of parts into which the close pairs are divided, for threads.
 _SHARES = 16
-# Triangles whose far pairs are taken at once: 12 MB where there are 10 000.
+# Triangles whose far pairs are computed at once: 12 MB for a mesh of 10 000.
 _ROWS = 16
 
 
@@ -70,13 +67,13 @@ def mutual_gradient(
     moving: NDArray[np.bool_],
     symmetry: MeshSymmetry | None = None,
 ) -> Array:
-    """How others (k, n) . W charge (n,) follow the corners of the faces, which are `count` nodes with numbers nodes
-    (n, 3): (k, count, 3), in 1/m^2 times the charges' units. Right for nodes of which all faces are marked as moving
-    (n,). symmetry: of the mesh; charges and movements need not have it."""
+    """Derivatives (k, count, 3) of others (k, n) . W charge (n,) by the faces' corners, in 1/m^2 times the charges'
+    units. nodes (n, 3): numbers of the corners among `count` nodes. Correct for nodes whose faces are all marked as
+    moving (n,). symmetry: of the mesh; charges and movements need not have it."""
     if symmetry is None:
         images, places, matrices = np.arange(len(charge))[None], np.arange(count)[None], np.eye(3)[None]
     else:
-        # Row by row: of columns numba would compile another kernel.
+        # In C order: numba would compile another kernel for another order.
         images, places = face_images(symmetry, nodes), np.ascontiguousarray(symmetry.node_images)
         matrices = symmetry.group.matrices
     first, moves = images.min(axis=0), moving[images]
@@ -86,7 +83,7 @@ def mutual_gradient(
     parts = np.zeros((_SHARES, count, len(others), 3))
     any_moves = moves.any(axis=0)
     given = (geometry, shapes, spheres, NEAR_RADII, nodes, first, any_moves)
-    # The pairs of a share, each with a few of its own.
+    # Ten units of `over_rows` for each pair of a part.
     work = 10.0 * np.count_nonzero(first == np.arange(len(first))) * len(first) / _SHARES
     over_rows(close_gradient, _SHARES, *given, charges, of_others, places, matrices, parts, work=work)
     out = np.ascontiguousarray(parts.sum(axis=0).transpose(1, 0, 2))
@@ -102,8 +99,8 @@ def mutual_gradient(
 def _of_far_pairs(
     faces: ChargedFaces, nodes: Index, count: int, rows: Index, charges: Array, others: Array
 ) -> Array:
-    """What far pairs make of it, by the corners of some faces, for charges (g, n) and others (g, k, n):
-    (g, k, count, 3)."""
+    """The far pairs' part of these derivatives (g, k, count, 3), by the corners of some faces, for charges (g, n) and
+    others (g, k, n)."""
     shapes, points = triangle_rule(2)[0], faces.far_points().reshape(3, -1, 3)
     points, spheres = np.ascontiguousarray(points.swapaxes(1, 2)), faces.spheres()
     every = np.concatenate([charges[:, None], others], axis=1)
@@ -124,16 +121,16 @@ def _of_far_pairs(
     return np.ascontiguousarray(out.reshape(*others.shape[:2], 3, count).swapaxes(2, 3))
 
 
-# Edges along whose halves the field of a coil changes by more than this share of itself count as close to it. Along the
-# others the rule for circulations, of four points in each half, is exact as far as derivatives go: 2e-8 of them, where
-# 0.3 leaves 5e-7 (core and magnet, a coarse mesh whose core stands 1 mm from its winding).
+# An edge is close to a coil if the coil's field changes by more than this share of itself along half of the edge. On
+# other edges the rule for circulations, four points in each half, is accurate enough: relative errors of derivatives
+# are 2e-8, and 5e-7 with 0.3 in place of 0.1 (core and magnet, a coarse mesh whose core stands 1 mm from its winding).
 _CHANGES = 0.1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SolvedIron(Record):
-    """What a state is, for one source: nodal potential (n,), currents (c,); at the points of the elements (e, 4, 3), T,
-    field strength and polarisation; and the weights (e, 1, 1) of these."""
+    """A state of one source: nodal potential (n,), currents (c,); field strength and polarisation at the points of the
+    elements (e, 4, 3), T; share (e, 1, 1): volume of each point."""
 
     device: Device
     currents: Array
@@ -145,9 +142,9 @@ class SolvedIron(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Adjoint(Record):
-    """Adjoint potentials (n, k) of k numbers that follow the samples at points by weights; cover (k, e, 4, 3): their
-    gradients, and the fields of the coils whose linkages count, times the share of each point; turned: db/dh - 1 times
-    that."""
+    """Adjoint potentials (n, k) of k numbers, which depend on samples at points by weights. cover (k, e, 4, 3):
+    gradients of these potentials plus weighted fields of the coils, times the volume of each point; turned: db/dh - 1
+    times cover."""
 
     potential: Array
     points: Array
@@ -206,11 +203,12 @@ class ByNodes:
         return own, smooth
 
     def of_coil(self, c: int, adjoint: Adjoint) -> Array:
-        """What the field of coil c makes of the derivatives by the nodes (k, n, 3): it moves against them."""
+        """The part of coil c's field in the derivatives by the nodes (k, n, 3). A motion of the coil has the opposite
+        sign."""
         return self._by_coils(adjoint, np.arange(len(self._state.currents)) == c)
 
     def derivative(self, adjoint: Adjoint) -> Array:
-        """By the nodes (k, n, 3)."""
+        """Derivatives by the nodes (k, n, 3)."""
         every = np.ones(len(self._state.currents), bool)
         by_coils = self._by_coils(adjoint, every, self._background)
         return self._by_elements(adjoint) + by_coils + self._by_faces(adjoint)
@@ -230,7 +228,7 @@ class ByNodes:
         return _on_nodes(forces, elements.nodes[:, :4], len(elements.points))
 
     def _by_coils(self, adjoint: Adjoint, coils: NDArray[np.bool_], more: Array | float = 0.0) -> Array:
-        """What the fields of some coils (c,), and more (n, 3), make of it (k, n, 3)."""
+        """The part of some coils (c,), and of a field more (n, 3) at the nodes, in the derivatives (k, n, 3)."""
         state = self._state
         out = self._by_field(adjoint.turned, state.currents[None] * coils, more)
         linkage = adjoint.weights.linkage / MU0 * coils
@@ -239,8 +237,8 @@ class ByNodes:
         return out
 
     def _by_field(self, vectors: Array, amperes: Array, more: Array | float = 0.0) -> Array:
-        """How sums of vectors (k, e, 4, 3) times the field of amperes (k, coils), and more (n, 3), follow the nodes
-        (k, n, 3); k may be 1 on either side."""
+        """Derivatives by the nodes (k, n, 3) of sums of vectors (k, e, 4, 3) times a field: of amperes (k, coils) in
+        the coils, plus more (n, 3) at the nodes. k may be 1 on either side."""
         elements = self._form.elements
         out = elements.tested(vectors)[..., None] * (np.tensordot(amperes, self._unit, 1) + more)
         corners = len(elements.points)
@@ -253,8 +251,8 @@ class ByNodes:
         return np.asarray(out[:, :corners] + _on_nodes(ends, elements.edges, corners))
 
     def _rest(self, c: int) -> tuple[Index, Array]:
-        """The edges (m,) close to coil c, and how the circulations of its unit field follow their ends otherwise than
-        those of an exact integral: those of both halves, by both ends, (m, 2, 2, 3)."""
+        """The edges (m,) close to coil c, and the derivatives (m, 2, 2, 3) of the circulations of its unit field along
+        both halves by both ends, less the derivatives of exact circulations."""
         if c not in self._rests:
             elements, field = self._form.elements, self._unit[c]
             first, last = elements.edges.T
@@ -271,8 +269,8 @@ class ByNodes:
         return self._rests[c]
 
     def _by_rule(self, coil: Coil, edges: Index) -> Array:
-        """How the circulations of a coil's unit field along both halves of edges (m,) follow their ends (m, 2, 2, 3),
-        as they are computed."""
+        """Derivatives (m, 2, 2, 3) of the computed circulations of a coil's unit field along both halves of edges (m,)
+        by both ends."""
         elements = self._form.elements
         where, weight = half_rule(POINTS_PER_HALF)
         start, end = np.swapaxes(elements.points[elements.edges[edges]], 0, 1)

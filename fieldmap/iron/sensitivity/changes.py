@@ -1,7 +1,7 @@
-"""Parameters by key path: what of a device follows them.
+"""Parameters by key path, and the parts of a device that depend on them.
 
 A key is set a little above and a little below its value, and the two devices are compared part by part. Places,
-turns and remanences follow their keys so smoothly that their differences are derivatives to ten digits.
+turns and remanences depend on their keys so smoothly that their differences are derivatives to ten digits.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from fieldmap.inputs.key_paths import matches, value_at
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-# Steps as a share of the value, and the least ones by the unit that a key ends in.
+# Step, relative to the value; smallest steps by the unit in a key; smallest step without a unit.
 _STEP = 1e-4
 _LEAST = {"mm": 1e-3, "deg": 1e-2}
 _LEAST_OF_ANY = 1e-6
 _CURRENT, _PARAMETER = "current.", "parameters."
-# What of a device may follow a parameter.
+# Parts of a device that may depend on a parameter.
 _WHOLE = ("coils", "bodies", "materials", "background", "joints", "payload", "driver", "workspace")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RigidMotion(Record):
-    """Velocity (3,) of a thing's origin and angular velocity (3, 3), antisymmetric, per unit of a key."""
+    """Velocity (3,) of an origin and angular velocity (3, 3), antisymmetric, per unit of a key."""
 
     velocity: Array
     spin: Array
@@ -43,8 +43,8 @@ class RigidMotion(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Change(Record):
-    """What follows a key: currents (c,) of the coils per unit of it, and the devices above and below its value, `width`
-    apart, one and the same where the key is a current."""
+    """The effect of a key: currents (c,) of the coils per unit of the key, and the devices with the key above and below
+    its value, `width` apart; one and the same device if the key is a current."""
 
     key: str
     currents: Array
@@ -53,27 +53,27 @@ class Change(Record):
     width: float = 1.0
 
     def slope(self, of: Callable[[Any], Any]) -> Any:
-        """How what a device makes follows the key: by the difference of both sides."""
+        """Derivative of a function of the device by the key, from the difference of both sides."""
         return (of(self.above) - of(self.below)) / self.width
 
     def has(self, *names: str) -> bool:
-        """Whether one of these parts of the device follows it."""
+        """Whether one of these parts of the device depends on the key."""
         return not all(same(getattr(self.above, name), getattr(self.below, name)) for name in names)
 
     @cached_property
     def coils(self) -> tuple[int, ...]:
-        """Numbers of the coils that follow it."""
+        """Numbers of the coils that depend on the key."""
         pairs = zip(self.above.coils, self.below.coils, strict=True)
         return tuple(k for k, (one, other) in enumerate(pairs) if not same(one, other))
 
     @property
     def has_shapes(self) -> bool:
-        """Whether places or shapes of bodies follow it. The sizes of their elements are no part of the machine."""
+        """Whether places or shapes of bodies depend on the key; sizes of elements do not count."""
         above, below = ([body.parts for body in side.bodies] for side in (self.above, self.below))
         return not same(above, below)
 
     def motion(self, k: int) -> RigidMotion | None:
-        """How coil k moves as a whole; None where it changes otherwise."""
+        """The rigid motion of coil k; None if the coil changes in another way."""
         one, other = self.above.coils[k], self.below.coils[k]
         if not same(replace(one, placement=other.placement), other):  # zuban: ignore[misc]
             return None
@@ -86,7 +86,7 @@ class Change(Record):
         return RigidMotion(position, 0.5 * (spin - spin.T))
 
     def turns(self, k: int) -> float | None:
-        """How the turns of coil k follow, as a share of them, where nothing else of it does."""
+        """Derivative of the turns of coil k over the turns; None if anything else of the coil depends on the key."""
         one, other = self.above.coils[k], self.below.coils[k]
         if not same(replace(one, turns=other.turns), other):  # zuban: ignore[misc]
             return None
@@ -119,8 +119,8 @@ class Parameters:
         return float(numbers[0])
 
     def change(self, key: str, step: float | None = None) -> Change:
-        """What follows a key. Raises DeviceFileError for a key that the device lacks, InputError for one that is no
-        number or cannot be changed to both sides, and for a parameter that nothing follows."""
+        """The effect of a key. Raises DeviceFileError for a key that the device lacks, InputError for one that is no
+        number or cannot be changed to both sides, and for a parameter on which nothing depends."""
         names = self.device.coil_names
         if key.startswith(_CURRENT):
             name = key.removeprefix(_CURRENT)
@@ -140,7 +140,7 @@ class Parameters:
             raise InputError(*error.problems) from error
         change = Change(key, np.zeros(len(names)), above, below, 2 * width)
         if key.startswith(_PARAMETER) and not change.has(*_WHOLE):
-            # The text of a device that includes files, or had keys changed, has numbers in the place of expressions.
+            # The text of a device that includes files, or had keys changed, has numbers in place of expressions.
             must_hold = (
                 "must be a parameter that something follows; of a file that includes others nothing does"
             )
@@ -149,7 +149,7 @@ class Parameters:
         return change
 
     def _with(self, key: str, value: float) -> Device:
-        """The device with a key changed; what else follows the key is for derived classes to say."""
+        """The device with a key changed; derived classes may change other parts with the key."""
         return device_of(with_changes(self._document, {key: value}), written=False)
 
 

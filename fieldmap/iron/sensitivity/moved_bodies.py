@@ -1,17 +1,14 @@
 """Bodies that move or change their size: their nodes move with them, and the mesh keeps its topology.
 
 A node has a fixed place in its body, in multiples of the body's dimensions: (x, y, z)/size in a box, (x, y)/radius and
-z/height in a cylinder. That carries the whole mesh smoothly along with the shape, its curved faces included. Of a body
-of several parts each part carries its own faces, and nodes inside move smoothly between them. Where a body slides along
-another one that it touches, its nodes are moved on.
+z/height in a cylinder. The whole mesh thus moves smoothly with the shape, its curved faces included. If the parts of a
+body change in different ways, each part carries its own faces (`lies_on`), and nodes inside move smoothly between them.
 
-Each body of a key has a movement u of its own, which carries its surfaces. Where two bodies touch, their movements may
+Each body that a key moves has a movement u, which carries its surfaces. Where two bodies touch, their movements may
 differ along the contact, not across it. Nodes there follow the body whose edges bound the contact (the core that stands
-on a disk), and within the other one, b, nodes move by u_b + w: w is the difference on the contact, has no component
-across any other surface, and is smooth inside: the sum over elements of |grad w|^2, small elements counting as much as
-large ones, is smallest. Planes slide within themselves, curved surfaces keep their own movement.
-
-Which part of a body a face of its mesh lies on: parts that change otherwise than together carry their own faces.
+on a disk). Within the other body, b, nodes move by u_b + w: w is the difference of movements on the contact, has no
+component across any other surface, and minimises the sum of |grad w|^2 over elements, with equal weights for small and
+large ones. Planes slide within themselves, curved surfaces keep their own movement.
 """
 
 from __future__ import annotations
@@ -34,18 +31,19 @@ from fieldmap.iron.topology import TRIANGLE_SIDES, Faces, area_vectors, barycent
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
-# Of the largest dimension: how far nodes lie off planes. They are on them, but for rounding.
+# Largest distance of nodes from their plane, over the part's largest dimension. Only rounding moves them off it.
 _ON_PLANE = 1e-7
-# Of a radius: how far corners of a curved face lie off it, which keep its volume.
+# Largest distance of corners from their curved face, over its radius. They are off it to keep the volume.
 _ON_CURVE = 0.05
-# Cosine and sine of the angles at which a face lies in a plane, or along an axis.
+# A face lies in a plane if the cosine between its normal and the plane's is larger than the first number. It lies along
+# an axis if the cosine between its normal and the axis is smaller than the second.
 _ALONG, _ACROSS = 0.999, 0.05
 
 
 def lies_on(part: Part, corners: Array, normals: Array) -> NDArray[np.bool_]:
-    """Which corners (f, 3) of faces, given by corners (f, 3, 3) and unit normals (f, 3), lie on a part's surface, the
-    face in one of its planes or curved faces; in a plane of two parts it may reach from one to the other. None lies on
-    other parts than boxes, cylinders, rings and spheres.
+    """Which corners (f, 3) of faces, given by corners (f, 3, 3) and unit normals (f, 3), lie on a part's surface. The
+    face must lie in one of the part's planes or curved faces; in a plane it may reach beyond the part. No corner lies
+    on parts other than boxes, cylinders, rings and spheres.
     """
     turn, shift = part.placement.rotation, part.placement.position
     local, normal = (corners - shift) @ turn, np.abs(normals @ turn)
@@ -67,7 +65,7 @@ def lies_on(part: Part, corners: Array, normals: Array) -> NDArray[np.bool_]:
 
 
 def _on_turned(local: Array, normal: Array, inner: float, outer: float, height: float) -> NDArray[np.bool_]:
-    """On a solid of revolution between two radii and between z = 0 and its height."""
+    """`lies_on` for a solid of revolution between two radii and between z = 0 and its height."""
     distance, slack = np.hypot(local[..., 0], local[..., 1]), _ON_PLANE * max(outer, height)
     within = (local[..., 2] > -slack) & (local[..., 2] < height + slack)
     ends = _in_plane(local, normal, 2, 0.0, slack) | _in_plane(local, normal, 2, height, slack)
@@ -84,7 +82,7 @@ def _in_plane(local: Array, normal: Array, axis: int, at: float, slack: float) -
     return np.asarray((np.abs(local[..., axis] - at) < slack).all(axis=1) & (normal[:, axis] > _ALONG))
 
 
-# Sine of the angle at which two faces make an edge.
+# Sine of the smallest angle between two faces that makes an edge.
 _EDGE = 0.1
 # Normals at a node that differ by less belong to one plane; movements across a contact below this share are rounding.
 _SAME_PLANE = 1e-6
@@ -92,8 +90,8 @@ _SAME_PLANE = 1e-6
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Contact(Record):
-    """One contact of two bodies, by number: its nodes (n,), unit normal (3,), and which of the two has its edges all
-    around it, None where neither has."""
+    """One contact of two bodies, by number: its nodes (n,), its unit normal (3,), and edges_of: the body whose edges
+    surround it, None if neither body's do."""
 
     bodies: tuple[int, int]
     nodes: Index
@@ -102,7 +100,7 @@ class Contact(Record):
 
     @property
     def owner(self) -> int:
-        """The body that the contact follows. Where neither has its edges around it, both can only move together."""
+        """The body that the contact follows. If `edges_of` is None, both can only move together."""
         return self.bodies[0] if self.edges_of is None else self.edges_of
 
 
@@ -137,7 +135,7 @@ class Contacts:
         bent = np.linalg.norm(np.cross(self._normals, normal), axis=1) > _EDGE
         edged = [bool(np.isin(around, self._nodes[self._boundary(int(one)) & bent]).all()) for one in pair]
         one, other = (int(k) for k in pair)
-        # Of two whose edges coincide it does not matter which: they can only move together.
+        # If the edges of both coincide, either may be the owner: both can only move together.
         owner = one if edged[0] else other if edged[1] else None
         return Contact((one, other), np.unique(nodes), normal, owner)
 
@@ -146,10 +144,10 @@ class Contacts:
         return np.asarray((self._sides == body).sum(axis=1) == 1)
 
     def reconciled(self, moved: Sequence[Array], slack: float) -> list[Array] | tuple[int, int]:
-        """Movements (n, 3) of the nodes of each body that agree where bodies touch, from the bodies' own; or two bodies
-        for which there is none. slack: differences that are rounding, m."""
+        """Movements (n, 3) of the nodes of each body that agree where bodies touch, from the bodies' own movements; or
+        two bodies that cannot agree. slack: differences that are rounding, m."""
         mesh, shape = self._mesh, (len(moved), len(self._mesh.points), 3)
-        # Of every body at all nodes, NaN where there is nothing: its own movement, and what is added to it.
+        # For every body at all nodes, NaN where it has none: its own movement, and the correction.
         own, added = np.full(shape, np.nan), np.full(shape, np.nan)
         for number, nodes in enumerate(mesh.nodes_of_bodies):
             own[number, nodes] = moved[number]
@@ -187,13 +185,14 @@ class Contacts:
         return triangles, self._normals[faces]
 
     def carried(self, number: int, surface: Array, slack: float) -> Array | None:
-        """Smooth movement (n, 3) of the nodes of a body whose faces' corners have these movements (f, 3, 3), of which
-        the part across the face counts; None where faces that meet would part."""
+        """Smooth movement (n, 3) of the nodes of a body, from the components across the faces of the movements
+        (f, 3, 3) of their corners; None where faces that meet would part."""
         across = np.einsum("fkd,fd->fk", surface, self.surface(number)[1])
         return self._movement(number, np.zeros(0, int)).of(np.zeros((0, 3)), slack, across)
 
     def _movement(self, number: int, fixed: Index) -> _SmoothMovement:
-        """Of a body, some of whose nodes, by their numbers among them, are given: none, or those in contacts."""
+        """Smooth movements of a body. fixed: the nodes with given movements, none or the nodes in contacts, by their
+        numbers in the body."""
         known = self._smooth.get((number, len(fixed)))
         if known is None:
             mesh = self._mesh
@@ -205,7 +204,7 @@ class Contacts:
 
 
 class _SmoothMovement:
-    """Movements of the nodes of one body that are given at fixed ones, and elsewhere across its surface alone."""
+    """Smooth movements of the nodes of one body, given at fixed nodes, and elsewhere across its surface only."""
 
     def __init__(self, points: Array, tets: Index, triangles: Index, normals: Array, fixed: Index) -> None:
         self._fixed, self._triangles, self._normals = fixed, triangles, normals
@@ -214,7 +213,7 @@ class _SmoothMovement:
         is_fixed[fixed] = True
         along, self._across = _planes(triangles, normals, count)
         free = [along.get(node, np.eye(3)) for node in np.flatnonzero(~is_fixed).tolist()]
-        # (3 n, r): what the unknowns are in coordinates of the nodes that are not fixed.
+        # (3 n, r): takes the unknowns to coordinates of the nodes.
         here = 3 * np.flatnonzero(~is_fixed)[:, None] + np.arange(3)
         place = csc_matrix(
             (np.ones(here.size), (here.ravel(), np.arange(here.size))), shape=(3 * count, here.size)
@@ -224,8 +223,8 @@ class _SmoothMovement:
         self._factor = splu(csc_matrix(self._basis.T @ self._matrix @ self._basis))
 
     def of(self, values: Array, slack: float, across: Array | float = 0.0) -> Array | None:
-        """Movement (n, 3) of all nodes, from that of the fixed ones (m, 3), and of the corners of faces across these
-        (f, 3); None where they do not agree."""
+        """Movement (n, 3) of all nodes, from the movement of the fixed nodes (m, 3) and the movement across faces of
+        their corners (f, 3); None where these do not agree."""
         out = np.zeros((self._matrix.shape[0] // 3, 3))
         pushes = self._normals[:, None] * np.broadcast_to(across, self._triangles.shape)[..., None]
         np.add.at(out, self._triangles, pushes)
@@ -239,8 +238,8 @@ class _SmoothMovement:
 
 
 def _planes(triangles: Index, normals: Array, count: int) -> tuple[dict[int, Array], Array]:
-    """Of each node of a surface the directions (3, r) that lie in all faces that meet there; and the inverses (n, 3, 3)
-    of the sums of n n over the normals of these, in the directions that do not."""
+    """For each node of a surface the directions (3, r) that lie in all faces that meet there, and the pseudo-inverse
+    (n, 3, 3) of the sum of n n^T over the normals of these faces."""
     nodes = triangles.ravel()
     order = np.argsort(nodes, kind="stable")
     at = np.repeat(normals, 3, axis=0)[order]
@@ -254,7 +253,7 @@ def _planes(triangles: Index, normals: Array, count: int) -> tuple[dict[int, Arr
 
 
 def _stiffness(points: Array, tets: Index) -> coo_matrix:
-    """Of sums over elements of |grad w|^2 (n, n)."""
+    """Matrix (n, n) of the sum over elements of |grad w|^2."""
     gradients = barycentric_gradients(points[tets])
     local = gradients @ np.swapaxes(gradients, 1, 2)
     rows, columns = np.broadcast_arrays(tets[:, :, None], tets[:, None, :])
@@ -285,8 +284,8 @@ class MovedBodies:
         """Points (n, 3) of the mesh with a key above and below its value.
 
         Raises InputError for bodies of other shapes than boxes, cylinders, rings and spheres unless they only move, and
-        as a whole, for bodies that part from what they touch, or slide along it where the edges of neither bound the
-        contact, and for joints.
+        as a whole; for bodies that part from a body that they touch, or slide along it without edges around the
+        contact; and for joints.
         """
         if self._mesh.sheets:
             raise _refused(change, "must not move bodies of a device with joints", "joints")
@@ -299,7 +298,7 @@ class MovedBodies:
         found = self._contacts.reconciled(moved, slack)
         named = [f"'{mesh.body_names[k]}'" for k in found] if isinstance(found, tuple) else []
         if isinstance(found, list):
-            # Movements of all nodes from those of the bodies'.
+            # Movements of all nodes from the movements of the bodies.
             out, known = np.zeros_like(mesh.points), np.zeros(len(mesh.points), bool)
             for nodes, there in zip(mesh.nodes_of_bodies, found, strict=True):
                 again = known[nodes]
@@ -331,14 +330,14 @@ class MovedBodies:
     def _by_parts(
         self, number: int, body: Body, maps: Sequence[Callable[[Array], Array]], slack: float
     ) -> Array | None:
-        """The same of a body whose parts carry their own surfaces; None where these are not known, or part."""
+        """`_of_body` for parts that carry their own surfaces; None if a face lies on no part, or parts separate."""
         triangles, normals = self._contacts.surface(number)
         corners = self._mesh.points[self._mesh.nodes_of_bodies[number]][triangles]
         surface, known = np.zeros_like(corners), np.zeros(corners.shape[:2], bool)
         for part, carry in zip(body.parts, maps, strict=True):
             on = lies_on(part, corners, normals)
             moved = carry(corners) - corners
-            # What lies on two parts must not be torn between them.
+            # Both parts of a corner must move it alike across the face.
             apart = np.einsum("fkd,fd->fk", moved - surface, normals)[on & known]
             if np.abs(apart).max(initial=0.0) > slack:
                 return None
@@ -347,7 +346,7 @@ class MovedBodies:
 
 
 def _map(one: Part, other: Part) -> Callable[[Array], Array] | None:
-    """How a part carries points (..., 3); None where its shape changes and has no such map."""
+    """The map of points (..., 3) that moves with a part; None if the part's shape changes without such a map."""
     here, there = one.placement, other.placement
     if same(one.shape, other.shape):
         turn = there.rotation @ here.rotation.T
@@ -360,7 +359,7 @@ def _map(one: Part, other: Part) -> Callable[[Array], Array] | None:
 
 
 def _stretch(one: Part, other: Part) -> Callable[[Array], Array] | None:
-    """How local points follow the dimensions of another shape of the same kind; None for kinds without such a map."""
+    """The map of local points to another shape of the same kind; None for kinds without such a map."""
     match one.shape.primitive, other.shape.primitive:
         case Box(size), Box(resized):
             return lambda x: x * (np.array(resized) / np.array(size))

@@ -1,10 +1,8 @@
-"""What a derivative is taken of: numbers that follow from the field at points of the air and from flux linkages.
+"""Quantities, numbers that depend on the field at points of the air and on flux linkages, and their derivatives.
 
-A quantity of one's own derives from `Quantity` and gives `points` and `of`; or it is any function of a field,
-`FieldFunction`. How a quantity follows the field at its points is found by differences, which cost no solve and are
-exact, up to rounding, where it is linear in the field.
-
-Derivatives of a quantity by keys of a device, and what follows from them to first order.
+A user's own quantity derives from `Quantity` and gives `points` and `of`; or it is any function of a field,
+`FieldFunction`. The derivatives of a quantity by the field at its points are found by differences. These cost no solve
+and are exact, up to rounding, for a quantity that is linear in the field.
 """
 
 from __future__ import annotations
@@ -47,7 +45,7 @@ class Derivatives(Record):
         return self.by[key]
 
     def change(self, steps: Mapping[str, float]) -> Array:
-        """What the quantity changes by, to first order.
+        """Change of the quantity, to first order.
 
         Parameters
         ----------
@@ -62,7 +60,7 @@ class Derivatives(Record):
         return np.asarray(sum(self.by[key] * step for key, step in steps.items()))
 
     def spread(self, deviations: Mapping[str, float]) -> Spread:
-        """How far the quantity is uncertain, to first order, where keys are.
+        """Uncertainty of the quantity, to first order, from the uncertainties of keys.
 
         Parameters
         ----------
@@ -92,14 +90,14 @@ class Derivatives(Record):
         return Spread(np.sqrt(variance), {key: part / safe for key, part in parts.items()})
 
 
-# Step of differences, as a share of the largest value that is sampled.
+# Step of differences, as a share of the largest sampled value; steps for samples that are all zero.
 _STEP_OF_DIFFERENCES = 1e-5
 _NOTHING = {"field": 1e-6, "gradient": 1e-4, "linkage": 1e-6}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Samples(Record):
-    """What quantities follow from: flux density (n, 3), T, and gradient (n, 3, 3), T/m, at points, and the flux
+    """The data that quantities depend on: flux density (n, 3), T, and gradient (n, 3, 3), T/m, at points, and the flux
     linkages (c,) of all coils, Wb, with the coils' names."""
 
     field: Array
@@ -110,7 +108,7 @@ class Samples(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Weights(Record):
-    """How k numbers follow the samples: field (k, n, 3), gradient (k, n, 3, 3), linkage (k, c)."""
+    """Derivatives of k numbers by the samples: field (k, n, 3), gradient (k, n, 3, 3), linkage (k, c)."""
 
     field: Array
     gradient: Array
@@ -120,7 +118,7 @@ class Weights(Record):
 class Quantity(ABC):
     """One number, or several of any shape, of a solved state.
 
-    uses: those of "field", "gradient", "linkage" that it follows from; points (n, 3): where, m.
+    uses: the samples that it depends on, of "field", "gradient", "linkage"; points (n, 3): where it samples, m.
     """
 
     uses: ClassVar[tuple[str, ...]] = ("field", "gradient")
@@ -146,7 +144,7 @@ class Quantity(ABC):
         """
 
     def weights(self, samples: Samples) -> Weights:
-        """How the numbers, in a row, follow the samples: by central differences.
+        """Derivatives of the numbers, flattened, by the samples, from central differences.
 
         Parameters
         ----------
@@ -181,7 +179,7 @@ class Quantity(ABC):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _AtPoints(Quantity, Record):
-    """Of the field at points (n, 3) or (3,) of the air, m."""
+    """A quantity of the field at points (n, 3) or (3,) of the air, m."""
 
     at: ArrayLike
 
@@ -235,7 +233,7 @@ class FluxLinkage(Quantity, Record):
 
     @property
     def points(self) -> Array:
-        """None."""
+        """No points (0, 3)."""
         return np.zeros((0, 3))
 
     def of(self, samples: Samples) -> ArrayLike:
@@ -268,7 +266,7 @@ class FieldFunction(Quantity, Record):
 
     @property
     def uses(self) -> tuple[str, ...]:  # type: ignore[override]
-        """What the function asks for."""
+        """The samples that the function asks for."""
         return tuple(name for name in ("field", "gradient") if name in self._recorder.kinds)
 
     @cached_property
@@ -283,7 +281,8 @@ class FieldFunction(Quantity, Record):
 
 
 class _SampledField(FieldAtCurrents):
-    """A field that is known where it will be asked for, in that order; without samples one that notes the points."""
+    """A field with samples at the points where it will be asked for, in that order. Without samples it records the
+    points."""
 
     currents = np.zeros(0)
 
@@ -295,7 +294,7 @@ class _SampledField(FieldAtCurrents):
 
     @property
     def coil_names(self) -> tuple[str, ...]:
-        """None: it is the field at the currents of the state."""
+        """No names: the field is at the currents of the state."""
         return ()
 
     def field(self, points: ArrayLike) -> Array:
@@ -313,6 +312,6 @@ class _SampledField(FieldAtCurrents):
         self.asked.append(x)
         here = slice(self._count, self._count + len(x))
         self._count += len(x)
-        # Zeros would make a function that takes ratios divide by them.
+        # Ones, because a function may divide by the field.
         found = np.ones((len(x), *shape)) if values is None else values[here]
         return found[0] if single else found

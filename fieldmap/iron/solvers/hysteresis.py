@@ -1,8 +1,8 @@
 """Iron with rate-independent hysteresis (play model) at a sequence of currents: docs/theory/hysteresis.md.
 
-The elements are those of the potential form, with play cells at their points. At a given history of the cells, B is the
-gradient by h of a convex function, as without hysteresis. The functional, Newton's method and its line search are
-therefore those of the potential form.
+The elements of the potential form have play cells at their points. At a given history of the cells, B is the gradient
+by h of a convex function, as without hysteresis. The functional, Newton's method and its line search are therefore the
+same as in the potential form.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class HysteresisMagnetisation(Magnetisation):
     """A `Magnetisation` of one source with hysteresis.
 
     pinning (l, k): pinning fields of the k play cells in each law, T; weights (k,), their sum 1; remembered
-    (e, 4, k, 4): what the cells at the points of every element remember, as `fieldmap.core.play_cells` has it.
+    (e, 4, k, 4): memory of the cells at the points of every element, as in `fieldmap.core.play_cells`.
     """
 
     pinning: Array
@@ -56,11 +56,11 @@ class HysteresisMagnetisation(Magnetisation):
         return self._response(h)[0]
 
     def susceptibility(self, h: Array) -> Array:
-        """Its derivative (e, 4, 6) by h: xx, xy, xz, yy, yz, zz."""
+        """Derivative (e, 4, 6) of mu0 M by h: xx, xy, xz, yy, yz, zz."""
         return self._response(h)[1]
 
     def _response(self, h: Array) -> tuple[Array, Array]:
-        """Both; the last is kept, for residual, tangent and line search ask for the same field one after the other."""
+        """Polarisation and derivative. The last are kept: residual, tangent and line search use one field in turn."""
         if not self._last or not np.array_equal(self._last[0][0], h):
             tangent = np.empty((*h.shape[:2], 6))
             polarisation = self._polarise(h, None, tangent) + self.remanence[0][:, None]
@@ -71,7 +71,7 @@ class HysteresisMagnetisation(Magnetisation):
         """The same iron after the field h (e, 4, 3)."""
         remembered = np.empty_like(self.remembered)
         self._polarise(h, remembered, None)
-        # The step is done; whoever keeps this memory does not need what was computed on the way.
+        # The step is done: a memory that is kept does not need the last result.
         self._last.clear()
         return replace(self, remembered=remembered)
 
@@ -83,7 +83,7 @@ class HysteresisMagnetisation(Magnetisation):
         return float(np.einsum("e,eqk,ek,k->", 0.25 * volume, way, self.pinning[self.law], self.weights))
 
     def _polarise(self, h: Array, after: Array | None, tangent: Array | None) -> Array:
-        """Polarisation (e, 4, 3) of the cells at h; fills what they remember after it, and its derivative."""
+        """Polarisation (e, 4, 3) of the cells at h; fills after (their memory) and tangent (the derivative)."""
         polarisation, (offset, knots, coefficients) = np.empty(h.shape), self.tables.arrays
         law = np.repeat(self.law.astype(float), h.shape[1])
         cells = PlayCells(law, offset.astype(float), knots, coefficients, self.pinning, self.weights)
@@ -93,8 +93,8 @@ class HysteresisMagnetisation(Magnetisation):
 
 
 class HysteresisForm(PotentialForm):
-    """One mesh in the potential form, for iron with hysteresis. What its states hold of the field inside elements is
-    that at their points: at others the cells have no memory."""
+    """One mesh in the potential form, for iron with hysteresis. Its states interpolate the field between the points of
+    an element, because there are play cells only at these points."""
 
     _inside = ConvexForm._inside
 
@@ -102,8 +102,8 @@ class HysteresisForm(PotentialForm):
 # As in `fieldmap.iron.solvers.nonlinear`: the residual as a fraction of the requested tolerance.
 _RESIDUAL_PER_TOLERANCE = 1e-3
 _MOST_HALVINGS = 4
-# Newton's method begins where the last step goes on to, if the currents go on in the same direction, up to the cosine,
-# and not much farther.
+# Newton's method starts from an extrapolation of the last step if the cosine between the changes of the currents is at
+# least the first number. The last change of the potential is added at most the second number of times.
 _ALONG, _FURTHEST = 0.8, 2.0
 
 
@@ -112,8 +112,8 @@ class Pinning(Record):
     """The distribution of pinning fields in the iron: an assumption, as no device file states it.
 
     coercive_field: A/m, half the width of the major loop at b = 0 where the anhysteretic law is straight; 0 means none.
-    cells: number of play cells that stand for the distribution, which is uniform from 0 to twice the coercive field (so
-    that small loops are parabolas, as Rayleigh found, Phil. Mag. 23 (1887) 225); 1: all at the coercive field.
+    cells: number of play cells for the distribution, which is uniform from 0 to twice the coercive field (so that small
+    loops are parabolas, as Rayleigh found, Phil. Mag. 23 (1887) 225); 1: all at the coercive field.
 
     >>> pinning = Pinning(100.0, cells=5)
     >>> print(pinning.fields.tolist(), float(pinning.fields @ pinning.weights))
@@ -143,7 +143,7 @@ class Pinning(Record):
 
     @property
     def assumption(self) -> str:
-        """In words."""
+        """The assumption in words."""
         return self.of("")
 
     def of(self, material: str) -> str:
@@ -169,8 +169,8 @@ class Pinning(Record):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class IronMemory(Record):
-    """History of the iron of one solver: its material with the fields of the play cells, the last potential (n,) and
-    currents (c,), and by how much both changed in the last step."""
+    """History of the iron of one solver: its material with the memory of the play cells, the last potential (n,) and
+    currents (c,), and the changes of both in the last step."""
 
     material: HysteresisMagnetisation
     potential: Array
@@ -179,13 +179,13 @@ class IronMemory(Record):
     currents_change: Array
 
     def continued(self, currents: Array) -> Array:
-        """Potential that currents are likely to make: changed on as in the last step, or, where the currents
-        turn, in proportion to them.
+        """Estimate of the potential at other currents: the last step is extrapolated, or, if the currents turn, the
+        potential is scaled with them.
 
         Parameters
         ----------
         currents
-            (c,), A.
+            Currents (c,), A.
 
         Returns
         -------
@@ -204,8 +204,8 @@ class IronMemory(Record):
 class HystereticState(PotentialSolution):
     """Coils and iron after one step.
 
-    memory: where the next step begins. loss: J, what the iron turned into heat on the way here. steps: Newton steps.
-    parts: into which the way was divided.
+    memory: where the next step begins. loss: hysteresis loss in the step, J. steps: Newton steps. parts: number of
+    parts into which the step was divided.
     """
 
     memory: IronMemory
@@ -220,10 +220,10 @@ class HysteresisSolver(MeshedDevice):
     Parameters
     ----------
     device
-        Without a background field.
+        The device, without a background field.
     pinning
-        The same in all saturating materials; left out, each has its own `coercive_field`, as the device file
-        states it, with six cells. Magnets and linear iron have none.
+        The pinning of all saturating materials. None: each has its own `coercive_field`, as the device file
+        states it, with six cells. Magnets and linear iron have no pinning.
     refinement
         Divides the mesh sizes of the device file.
 
@@ -256,7 +256,7 @@ class HysteresisSolver(MeshedDevice):
         Parameters
         ----------
         pinning
-            The pinning; None for that of its materials.
+            The pinning; None for the materials' own.
 
         Returns
         -------
@@ -270,14 +270,14 @@ class HysteresisSolver(MeshedDevice):
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What every state rests on."""
+        """The assumptions of every state, in words."""
         if self.pinning is not None:
             return (self.pinning.assumption, *self._notes)
         return (*(pinning.of(name) for name, pinning in self._pinnings.items()), *self._notes)
 
     @property
     def _pinnings(self) -> dict[str, Pinning]:
-        """By name of the saturating material."""
+        """The pinning by name of the saturating material."""
         used = {body.material: self.device.materials[body.material] for body in self.device.bodies}
         soft = {name: material for name, material in used.items() if isinstance(material, SaturatingMaterial)}
         if self.pinning is not None:
@@ -298,15 +298,15 @@ class HysteresisSolver(MeshedDevice):
         return IronMemory(material, nothing, coils, nothing, coils)
 
     images: ClassVar[tuple[StateImage, ...]] = ()
-    """Of a path no image is known without a solve."""
+    """Empty: the image of a path is not known without a solve."""
 
     def energy_operator(self, memory: IronMemory) -> Callable[[Array], Array]:
-        """The tangent at a state with its cells as they are, iron and air.
+        """The tangent of iron and air at a state, with the memory of its cells.
 
         Parameters
         ----------
         memory
-            The state.
+            The memory of the state.
 
         Returns
         -------
@@ -355,22 +355,22 @@ class HysteresisSolver(MeshedDevice):
     def magnetised(
         self, memory: IronMemory, currents: Array, potentials: Array
     ) -> Iterator[tuple[Array, Array]]:
-        """What the iron did along a path that is solved already.
+        """The iron's polarisation along a path that is solved already.
 
         Parameters
         ----------
         memory
-            Of the state where the path begins.
+            The memory of the state where the path begins.
         currents
-            (s, c), A, at the ends of the steps.
+            Currents (s, c), A, at the ends of the steps.
         potentials
-            (s, n), nodal potentials there.
+            Nodal potentials (s, n) there.
 
         Yields
         ------
         tuple of Array
             At the end of each step the polarisation (p, 3), T, at the points of `project`, without the remanence of
-            magnets, and its derivative (p, 6) by mu0 H with the memory of its beginning: xx, xy, xz, yy, yz, zz.
+            magnets, and its derivative (p, 6) by mu0 H with the memory before the step: xx, xy, xz, yy, yz, zz.
         """
         material, elements = memory.material, self._form.elements
         for amperes, potential in zip(currents, potentials, strict=True):
@@ -395,14 +395,14 @@ class HysteresisSolver(MeshedDevice):
         Parameters
         ----------
         currents
-            (c,), A.
+            Currents (c,), A.
         memory
-            Of the state where the path begins, or `demagnetised`.
+            The memory of the state where the path begins, or `demagnetised`.
         tolerance
             Bounds the algebraic error.
         near
-            A state of this device that is likely to be close, where Newton's method begins; it leaves no
-            trace.
+            A state of this device that is likely to be close, where Newton's method begins. Its history has no
+            effect.
 
         Returns
         -------
@@ -453,7 +453,7 @@ class HysteresisSolver(MeshedDevice):
         return HystereticState(*about, *iron, bounds=device.bounds)
 
     def _linkage(self, polarisation: Array) -> Array:
-        """Flux linkages (c,), Wb, that polarisation (e, 4, 3), T, adds: docs/theory/forces.md (5)."""
+        """Flux linkages (c,), Wb, of a polarisation (e, 4, 3), T: docs/theory/forces.md (5)."""
         unit = self._form.elements.coil_field_at_points(self._unit)
         weight = 0.25 * self._form.elements.volume / MU0
         return np.einsum("e,ceqd,eqd->c", weight, unit, polarisation, optimize=True)

@@ -1,4 +1,4 @@
-"""A device with linear iron, solved for one ampere in every coil, and for what no current drives."""
+"""A device with linear iron, solved for one ampere in every coil, and for its magnets and background."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fieldmap.iron.elements.flux_form import FluxForm
 from fieldmap.iron.elements.potential_form import ConvexForm, Magnetised, PotentialForm, linkage_and_coenergy
 from fieldmap.iron.elements.state import IronState
 from fieldmap.iron.geometry.checks import check_geometry, geometry_notes
-from fieldmap.iron.materials import BodyProperties, background_notes, body_properties
+from fieldmap.iron.materials import BodyProperties, body_properties, device_notes
 from fieldmap.iron.mesh.mesh import generate_mesh
 from fieldmap.iron.operators.assembled import AssembledIron, assemble
 from fieldmap.iron.operators.mutual import face_images
@@ -38,7 +38,7 @@ _FORM_CLASSES: dict[str, type[PotentialForm] | type[FluxForm]] = {
     "flux": FluxForm,
 }
 FORMS = ("auto", *_FORM_CLASSES, "surface")
-"""What `solve_linear` takes as its form."""
+"""The values of `form` in `solve_linear`."""
 # The algebraic error is kept this far below the requested one.
 _RESIDUAL_PER_TOLERANCE = 1e-4
 
@@ -52,8 +52,8 @@ def solve_linear(
     form: str = "auto",
     symmetry: str = "auto",
 ) -> LinearSolution:
-    """Solve a device with iron of constant permeability, once per coil (and once for what no current drives: the
-    remanence of magnets and the background). Methods: docs/theory/iron_elements.md.
+    """Solve a device with iron of constant permeability, once per coil, and once for the remanence of magnets and the
+    background. Methods: docs/theory/iron_elements.md.
 
     Parameters
     ----------
@@ -73,13 +73,13 @@ def solve_linear(
         "auto": potential where it may be used. Inductances of closed magnetic circuits err to opposite sides.
         "surface" needs no mesh of the volume and takes any mu_r; its dense matrices allow a few thousand faces.
     symmetry
-        "auto" uses the mirror planes of the iron, "workspace" those that map the workspace onto itself, "none"
-        does not look for them.
+        "auto" uses the mirror planes of the iron, "workspace" only planes that map the workspace onto itself,
+        "none" does not look for them.
 
     Returns
     -------
     LinearSolution
-        The fields per ampere of every coil, and that of what no current drives.
+        The fields per ampere of every coil, and the field of magnets and background.
 
     Raises
     ------
@@ -121,22 +121,22 @@ def solve_linear_and_reaction(
     Parameters
     ----------
     device
-        One that passed `check_geometry`.
+        A device that passed `check_geometry`.
     mu_r, tolerance, refinement, form, symmetry
         As for `solve_linear`.
     stages
-        Tells progress.
+        Reports progress.
     box
         Lower and upper corner (3,) of the workspace, m, or None for no reaction.
     shared
-        What solves of devices with the same iron have made, which this one takes and adds to. The solution then knows
-        no field inside the iron.
+        Results of solves of devices with the same iron, which this solve uses and adds to. The solution then has no
+        field inside the iron.
 
     Returns
     -------
     tuple[LinearSolution, ReactionFields | None, DipoleAnswers | None]
         The solution; the reaction, None without a box; the answers, None without sensors. Both are None without iron
-        and of the surface form.
+        and in the surface form.
 
     Raises
     ------
@@ -198,7 +198,7 @@ def solve_linear_and_reaction(
 
 
 def charges_alone(solution: LinearSolution) -> LinearSolution:
-    """What the field in the air needs of a solution: less memory."""
+    """The part of a solution that the field in the air needs, to save memory."""
     state = solution.state
     assert state is not None  # there is iron
     alone = IronState(
@@ -242,7 +242,7 @@ def solved_in_form(
     has_remanence = bool(properties.remanence.any())
     field, remanence = elements.unit_fields(device.coils, mesh), np.zeros((sources, len(mesh.body), 3))
     if has_remanence or background is not None:
-        # What no current drives is a source of its own, without any coil.
+        # Magnets and background together are one more source, without a coil.
         constant = elements.no_field()
         if background is not None:
             constant = elements.coil_field(lambda x: background.field(x)[None])
@@ -260,7 +260,7 @@ def solved_in_form(
 
 
 def chosen_form(form: str, properties: BodyProperties) -> str:
-    """The form that "auto" stands for with these materials. Raises InputError where a form may not be used."""
+    """The form; for "auto" the form chosen by the materials. Raises InputError where a form may not be used."""
     weakest = properties.weakest
     if form == "auto":
         return "potential" if weakest >= 1 else "flux"
@@ -272,7 +272,7 @@ def chosen_form(form: str, properties: BodyProperties) -> str:
 
 
 def check_arguments(where: str, tolerance: float, refinement: float = 1.0, form: str = "auto") -> None:
-    """Raise InputError for arguments of a solver that cannot be meant."""
+    """Raise InputError for arguments of a solver out of their range."""
     wanted = (
         ("tolerance", tolerance, "must lie between 0 and 1", "try 1e-3", 0 < tolerance < 1),
         ("refinement", refinement, "must be a finite number > 0", "try 1.0", 0 < refinement < np.inf),
@@ -297,7 +297,7 @@ def require_source(device: Device, properties: BodyProperties) -> None:
 def coils_alone(device: Device, seconds: dict[str, float]) -> LinearSolution:
     """The solution of a device without iron."""
     alone = "no iron: the field of the coils alone"
-    none = (alone if device.background is None else f"{alone}, in a background", *background_notes(device))
+    none = (alone if device.background is None else f"{alone}, in a background", *device_notes(device))
     report = SolverReport("coils", 0, 0, 0, 0, 0, 0, 0.0, 0, seconds, none)
     about = (device.sections, device.bounds, device.background)
     return LinearSolution(device.coils, None, None, False, report, None, *about)

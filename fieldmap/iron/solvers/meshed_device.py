@@ -1,4 +1,4 @@
-"""What the solvers of saturating iron share, with hysteresis or without."""
+"""The base class of the solvers of saturating iron, with hysteresis or without."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class MeshedDevice:
 
     @property
     def surface(self) -> ChargedFaces:
-        """The charged faces, whose densities are those of the states and of the modes of `project`."""
+        """The charged faces of the states and of the modes of `project`."""
         return self._iron.surface
 
     @property
@@ -73,7 +73,7 @@ class MeshedDevice:
         Returns
         -------
         Array
-            (k, s), T.
+            Charge densities (k, s), T.
         """
         return self._form.charge_density(potential)
 
@@ -83,7 +83,7 @@ class MeshedDevice:
         Parameters
         ----------
         basis
-            Potentials (n, r), such as combinations of those of states.
+            Potentials (n, r), such as combinations of states' potentials.
         air
             The result of `air` for the basis, if it is known.
 
@@ -96,7 +96,7 @@ class MeshedDevice:
         return project(self._form, self._material, self._unit, self._background, basis, of_air)
 
     def air(self, potential: Array) -> Array:
-        """S phi: the linear share of the air in the residual.
+        """S phi, the air's part of the residual, which is linear.
 
         Parameters
         ----------
@@ -106,7 +106,7 @@ class MeshedDevice:
         Returns
         -------
         Array
-            (n, k).
+            S phi (n, k).
         """
         return self._form.exterior.apply(potential)
 
@@ -116,7 +116,7 @@ class MeshedDevice:
         Parameters
         ----------
         currents
-            (c,), A.
+            Currents (c,), A.
 
         Returns
         -------
@@ -127,19 +127,19 @@ class MeshedDevice:
         return own if self._background is None else own + self._background
 
     def magnetised_at(self, currents: Array, potential: Array) -> Magnetised:
-        """How a state's charges change with small fields of other sources.
+        """The response of a state's charges to small fields of other sources.
 
         Parameters
         ----------
         currents
-            (c,), A.
+            Currents (c,), A.
         potential
             Nodal potential (n,) of the state.
 
         Returns
         -------
         Magnetised
-            As `fieldmap.iron.reaction` takes it.
+            The response, as `fieldmap.iron.reaction` takes it.
         """
         tangent = self._form.tangent(potential, self.coil_field(currents), self._material)
         return self._form.magnetised(tangent, self._material, TOLERANCE)

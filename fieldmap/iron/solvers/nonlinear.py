@@ -51,7 +51,7 @@ from fieldmap.typing import Array, Index, PathLike
 from fieldmap.usual_values import warn_if_unusual
 
 _FIRST_STEP, _SMALLEST_STEP = 0.5, 1 / 64
-# States on the way need no more digits: they only start the next one.
+# Least tolerance of the states on the way: they only start the next state.
 _TOLERANCE_ON_THE_WAY = 1e-4
 
 
@@ -101,7 +101,7 @@ def solve_with_continuation(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StateImage(Record):
-    """What one operation of the mesh does to a state: its currents and its nodal potential.
+    """The image of a state under one operation of the mesh: currents and nodal potential.
 
     The field strength is an axial vector, H'(M x) = det(M) M H(x), so the potential is multiplied by det(M) and moved
     with the nodes. Where there are no magnets, reversing all currents reverses the potential.
@@ -156,7 +156,7 @@ _RESIDUAL_PER_TOLERANCE = 1e-3
 _RESIDUAL_OF_COMPLEMENT = 1e-2
 # Tolerance of the linear solve for derivatives by the currents.
 _TOLERANCE_OF_SLOPES = 1e-8
-# Ratio of the mesh sizes of a state and of the one that it is compared with.
+# Mesh sizes of the state for comparison, over the mesh sizes of the state whose error is estimated.
 _COARSER = 1.4
 
 
@@ -164,7 +164,7 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
     """A device meshed and assembled once: a field that solves a state for each new set of currents.
 
     `at(currents)` is the state at these currents; it is solved once and kept. `field` and its derivatives, called
-    with currents, are those of the state.
+    with currents, use this state.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
     symmetry
         "auto" uses the mirror planes of the iron, "none" does not look for them.
     tolerance
-        Of the states that `at` solves.
+        Tolerance of the states that `at` solves.
 
     Raises
     ------
@@ -221,7 +221,7 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
 
     @cached_property
     def assumptions(self) -> tuple[str, ...]:
-        """What every state rests on."""
+        """The assumptions of every state, in words."""
         return material_assumptions(self.device) + geometry_notes(self.device)
 
     @property
@@ -287,9 +287,9 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
         Parameters
         ----------
         points
-            (n, 3) or (3,), m, in the air.
+            Points (n, 3) or (3,), m, in the air.
         currents
-            (c,), A.
+            Currents (c,), A.
 
         Returns
         -------
@@ -336,7 +336,7 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
         Parameters
         ----------
         currents
-            (c,), A.
+            Currents (c,), A.
         tolerance
             Bounds the algebraic error.
         start
@@ -375,7 +375,7 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
     def solve_potential(
         self, currents: Array, tolerance: float = 1e-3, start: Array | None = None
     ) -> tuple[Array, Array]:
-        """As `solve`, without what follows from the potential: charges, flux densities, linkages and the report.
+        """As `solve`, for the potential alone, without charges, flux densities, linkages and the report.
 
         Parameters
         ----------
@@ -423,7 +423,7 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
         Parameters
         ----------
         currents
-            (c,), A.
+            Currents (c,), A.
         potential
             Nodal potential (n,).
 
@@ -437,19 +437,19 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
     def sensitivities(
         self, currents: Array, potential: Array, directions: Array, tolerance: float = 1e-3
     ) -> Array:
-        """How the nodal potential of a state changes with the currents, from one linear solve with the
-        tangent of the state.
+        """Derivatives of a state's nodal potential by the currents, from one linear solve with the tangent of the
+        state.
 
         Parameters
         ----------
         currents
-            (c,), A.
+            Currents (c,), A.
         potential
             Nodal potential (n,) of the state.
         directions
             Directions of the currents (c, d).
         tolerance
-            Of the linear solve.
+            Tolerance of the linear solve.
 
         Returns
         -------
@@ -459,7 +459,7 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
         Raises
         ------
         NotConverged
-            Where the linear solve does not end.
+            If the linear solve does not converge.
         """
         change = self._unit.combined(directions.T)
         field = self.coil_field(currents)
@@ -468,19 +468,19 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
     def corrections(self, currents: Array, potential: Array, air: Array, tolerance: float = 0.03) -> Array:
         """Approximate differences between the states at given currents and nodal potentials.
 
-        A difference is what one step of Newton's method would add. All steps use the tangent of unsaturated
+        A difference is approximated by one step of Newton's method. All steps use the tangent of unsaturated
         iron, so that the corrections cost a tenth of a solve.
 
         Parameters
         ----------
         currents
-            (s, c), A.
+            Currents (s, c), A.
         potential
             Nodal potentials (n, s).
         air
             The result of `air` for the potentials.
         tolerance
-            Of the linear solve.
+            Tolerance of the linear solve.
 
         Returns
         -------
@@ -490,7 +490,7 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
         Raises
         ------
         NotConverged
-            Where the linear solve does not end.
+            If the linear solve does not converge.
         """
         fields = [self.coil_field(values) for values in currents]
         return self._form.corrections(self._material, fields, potential, air, tolerance)
@@ -501,7 +501,7 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
         Parameters
         ----------
         currents
-            (c,), A.
+            Currents (c,), A.
         potential
             Nodal potential (n,).
 
@@ -540,7 +540,7 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
         """
 
         rest = np.zeros(len(self.coil_names)) if currents is None else np.asarray(currents, float)
-        # Currents and magnets make a state that symmetric iron does not have.
+        # With currents or magnets the state need not have the symmetry of the iron.
         alone = not rest.any() and not self._material.remanence.any() and self.device.background is None
         images = images_of(self._iron) if alone else []
         elsewhere = map(self._magnetised_about, others)
@@ -564,14 +564,14 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
         Parameters
         ----------
         state
-            One of this solver.
+            A state of this solver.
         tolerance
-            Of the linear solve.
+            Tolerance of the linear solve.
 
         Returns
         -------
         Array
-            (c, c), H; symmetric.
+            Inductances (c, c), H; symmetric.
 
         Raises
         ------
@@ -586,21 +586,21 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
         return self._air_inductance + self.iron_inductance(state.currents, inside.potential[:, 0], tolerance)
 
     def iron_inductance(self, currents: Array, potential: Array, tolerance: float = 1e-8) -> Array:
-        """What the iron adds to `differential_inductance`.
+        """The iron's part of `differential_inductance`.
 
         Parameters
         ----------
         currents
-            (c,), A.
+            Currents (c,), A.
         potential
             Nodal potential (n,) of the state.
         tolerance
-            Of the linear solve.
+            Tolerance of the linear solve.
 
         Returns
         -------
         Array
-            (c, c), H.
+            Inductances (c, c), H.
 
         Raises
         ------
@@ -610,19 +610,19 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
         return iron_differential_inductance(self._form, self._material, *about)
 
     def iron_linkage(self, currents: Array, potential: Array) -> Array:
-        """What the iron adds to the flux linkages of a state.
+        """The iron's part of the flux linkages of a state.
 
         Parameters
         ----------
         currents
-            (c,), A.
+            Currents (c,), A.
         potential
             Nodal potential (n,) of the state.
 
         Returns
         -------
         Array
-            (c,), Wb.
+            Flux linkages (c,), Wb.
         """
         return self._linkage_and_coenergy(self.coil_field(currents), potential)[0]
 
@@ -638,10 +638,10 @@ class NonlinearSolver(MeshedDevice, FieldOfStates):
         return bare_inductance(self.device.coils)
 
     def estimate_error(self, solution: NonlinearSolution, tolerance: float = 1e-3) -> ErrorEstimate:
-        """How far a state is from the truth in the workspace (`fieldmap.iron.error`).
+        """Estimate the error of a state in the workspace (`fieldmap.iron.error`).
 
-        Solves it again in the flux form, from the potential found, and on a mesh 1.4 times coarser. The solver keeps
-        that form and that mesh for further states.
+        The state is solved again in the flux form, from the potential found, and on a mesh 1.4 times coarser. The
+        solver keeps that form and that mesh for further states.
 
         Parameters
         ----------
@@ -719,7 +719,7 @@ def solve(
     device
         The machine, its file, or the name of a shipped one.
     currents
-        (c,), A.
+        Currents (c,), A.
     tolerance
         Bounds the algebraic error. The mesh error is set by the mesh sizes of the device file and
         `refinement`.

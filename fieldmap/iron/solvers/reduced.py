@@ -1,4 +1,4 @@
-"""The iron on a basis of few potentials: what a reduced model is made of.
+"""The iron on a basis of few potentials: the equations of a reduced model.
 
 The amplitudes of the basis solve the projected equation of the potential form (docs/theory/iron_elements.md, (1)): the
 law B(H) is evaluated at the points of the elements, as in the full model, and the functional stays convex.
@@ -25,11 +25,11 @@ from fieldmap.records import Record
 from fieldmap.threads import over_rows
 from fieldmap.typing import Array
 
-# Points by which the energy norm is taken.
+# Most points for the tangents of `GalerkinModel.conditions`.
 _FEW = 20_000
-# Points whose parts of the residuals of many states are summed at a time.
+# Points in one block of a sum over all points.
 _BLOCK = 4096
-# Steps with the tangent of another model, and what each must leave at most of the step before; how many states at once.
+# Most steps with the tangent of another model; largest ratio of a step to the step before; states solved at once.
 _STEPS, _SLOW, _AT_ONCE = 25, 0.9, 32
 
 
@@ -41,7 +41,7 @@ class GalerkinModel(Record):
     T; weights (p,) in m^3; law (p,) and tables: the material there; air (r, r) and constant (r,): A and r0 of the
     equation (docs/theory/current_dependence.md, (2)); fixed (3 p,): field of the background at the points, T, None
     without one. pinning (l, k), T, and shares (k,): of the play cells of each law, empty for iron without hysteresis.
-    remanent (c,): what magnets add to the flux linkages, times mu0, T m^3/A; empty where it is not needed.
+    remanent (c,): the magnets' part of the flux linkages, times mu0, T m^3/A; empty where it is not needed.
     """
 
     gradients: Array
@@ -74,18 +74,19 @@ class GalerkinModel(Record):
         return self.gradients.shape[1]
 
     def solve(self, currents: Array, start: Array, tolerance: float = 1e-7) -> tuple[Array, int]:
-        """Amplitudes (r,) at currents (c,), and the Newton steps: those after the last step where it takes more than
-        `fieldmap.core.iron.MOST_STEPS`.
+        """Amplitudes (r,) at currents (c,), and the number of Newton steps; the last amplitudes if
+        `fieldmap.core.iron.MOST_STEPS` are not enough.
 
-        The core has the gradients in single precision, which moves amplitudes by some 1e-8 of the state.
+        The core has the gradients in single precision, which changes amplitudes by some 1e-8 of the state.
         """
         state, amplitudes = self._core.state(), np.array(start, dtype=np.float64)
         state.solve_in(self.applied(currents), amplitudes, tolerance=tolerance)
         return amplitudes, state.steps
 
     def solutions(self, currents: Array, starts: Array, near: "GalerkinModel", tolerance: float) -> Array:
-        """Amplitudes (s, r) at many currents (s, c), from starts (s, r): all states in one pass over the points, with
-        the tangents of a model that has fewer of them. Where these do not lead there, Newton's method with its own."""
+        """Amplitudes (s, r) at many currents (s, c), from starts (s, r). A step of all states takes one pass over the
+        points, with the tangents of `near`, a model with fewer points. States that do not converge so are solved by
+        Newton's method."""
         parts = [slice(first, first + _AT_ONCE) for first in range(0, len(currents), _AT_ONCE)]
         found = [self._solutions(currents[part], starts[part], near, tolerance) for part in parts]
         return np.concatenate(found) if found else starts.copy()
@@ -174,7 +175,7 @@ class GalerkinModel(Record):
 
     @cached_property
     def _few(self) -> "GalerkinModel":
-        """Enough points to say what energy is: some thousands at random, with the others' weights."""
+        """The model on at most `_FEW` random points, with weights that are scaled to the same sum."""
         count = len(self.weights)
         if count <= _FEW:
             return self
@@ -188,7 +189,7 @@ class GalerkinModel(Record):
     def conditions(
         self, currents: Array, amplitude: Array, fields: Array, weights: "Weights"
     ) -> "Conditions":
-        """What a choice of points must meet at a state: see `Conditions`. fields (r, m): as for `error_coordinates`."""
+        """The conditions on a choice of points at a state. fields (r, m): as for `error_coordinates`."""
         few = self._few
         factor, slopes = few.factor_and_slopes(currents, amplitude)
         by_fields = error_coordinates(factor, amplitude, fields, weights.energy)
@@ -209,7 +210,7 @@ class GalerkinModel(Record):
         )
 
     def inductances(self, currents: Array, amplitude: Array, slopes: Array) -> Array:
-        """What every point adds to `inductance`, (p, n)."""
+        """The contribution of every point to `inductance`, (p, n)."""
         roots = self._roots(0, currents, amplitude, self.source - self.gradients @ slopes)
         one, other = np.triu_indices(roots.shape[2])
         return np.asarray(np.einsum("pik,pik->pk", roots[:, :, one], roots[:, :, other]))
@@ -220,14 +221,14 @@ class GalerkinModel(Record):
         return np.array([state.amplitudes for _, state in self._steps(currents, tolerance)])
 
     def linkages_along(self, currents: Array, tolerance: float = 1e-6) -> Array:
-        """As `along`, the flux linkages (s, c) that the iron adds, times mu0, but for those of magnets."""
+        """As `along`, the iron's part of the flux linkages (s, c), times mu0, without the magnets' part."""
         linkages = np.empty(currents.shape)
         for out, (row, state) in zip(linkages, self._steps(currents, tolerance), strict=True):
             state.linkages(row, out, None, tolerance=tolerance)
         return linkages
 
     def _steps(self, currents: Array, tolerance: float) -> Iterator[tuple[Array, IronState]]:
-        """The state behind each step of `along`."""
+        """The state after each step of `along`."""
         state = self._core_at_currents.state()
         weights = np.empty(self.source.shape[1] + (self.fixed is not None))
         for row in np.array(currents, dtype=np.float64, order="C"):
@@ -246,28 +247,28 @@ class GalerkinModel(Record):
         return CoreIron(numbers_without_fields(source, fixed, *iron, self.pinning, self.shares))
 
     def moments(self, currents: Array, amplitude: Array) -> Array:
-        """mu0 times the magnetic moment (p, 3) that every point stands for, T m^3."""
+        """mu0 times the magnetic moment (p, 3) of every point, T m^3."""
         h = self._strength(slice(None), currents[:, None], amplitude[:, None])
         given = (h, self.weights, self.law, self.tables.arrays)
         over_rows(magnetise, len(self.weights), *given, work=10.0)
         return h.reshape(-1, 3)
 
     def sums(self, moments: Array) -> Array:
-        """What moments (p, 3) add to the residual (r,) and, behind it, to the flux linkages (c,) times mu0."""
+        """Contributions (r + c,) of moments (p, 3) to the residual (r,), then to the flux linkages (c,) times mu0."""
         return np.concatenate([moments.ravel() @ self.gradients, moments.ravel() @ self.source])
 
     def contributions(self, moments: Array, combine: Array) -> Array:
-        """What every point's moments (p, 3) add to combinations (r + c, k) of what `sums` gives, (p, k). Of (r, k): to
-        combinations of the residual."""
+        """Contributions (p, k) of every point's moments (p, 3) to combinations (r + c, k) of `sums`, or to combinations
+        (r, k) of the residual alone."""
         of_points = self.gradients @ combine[: self.modes]
         if len(combine) > self.modes:
             of_points += self.source @ combine[self.modes :]
         return np.einsum("pi,pik->pk", moments, of_points.reshape(*moments.shape, -1))
 
     def totals(self, conditions: Sequence["Conditions"], mixing: Array) -> tuple[list[Array], Array]:
-        """The numbers (k,) of all points at each of the conditions, in one pass over the points for many of them, and
-        the sums (p,) over the conditions of about the squares of what each point adds, by random projections, mixing
-        (r + c, m)."""
+        """Sums (k,) over all points for each of the conditions, and for each point the sum (p,) over the conditions of
+        its squared contributions, estimated by random projections, mixing (r + c, m). A pass over the points serves
+        many conditions."""
         firsts = range(0, len(conditions), _AT_ONCE)
         parts = [self._totals(conditions[first : first + _AT_ONCE], mixing) for first in firsts]
         pairs = results_of(
@@ -312,26 +313,23 @@ class GalerkinModel(Record):
 
 
 def error_coordinates(factor: Array, amplitude: Array, fields: Array, energy: float) -> Array:
-    """C (r, r), so that |R^T C|^2 is the squared size of the error that a residual R (r,) causes in a state of
-    amplitudes (r,): that of its fields, as a share of its own, plus `energy`^2 times that of its energy, as a share of
-    its own.
+    """C (r, r), so that |R^T C|^2 is the squared error that a residual R (r,) causes in a state of amplitudes (r,): the
+    squared relative error of the fields, plus `energy`^2 times the squared relative error in the energy norm.
 
-    fields (r, m): of the modes, at m numbers of interest. To first order: the error is K^-1 R, with the tangent K of
-    the state, of which `factor` (r, r) is the Cholesky factor, lower.
+    fields (r, m): of the modes, at m numbers of interest. To first order the error of the amplitudes is K^-1 R, with
+    the tangent K of the state; `factor` (r, r) is the lower Cholesky factor of K.
     """
     inverse = solve_triangular(factor, np.eye(len(factor)), lower=True)
     # K = L L^T: R . K^-1 R = |L^-1 R|^2, and a . K a = |L^T a|^2.
     caused = inverse.T @ (inverse @ fields) / (np.linalg.norm(amplitude @ fields) or 1.0)
     stored = inverse.T * (energy / (np.linalg.norm(factor.T @ amplitude) or 1.0))
-    # The same lengths in as few coordinates as there are modes.
     return same_lengths(np.concatenate([caused, stored], axis=1))
 
 
 def combinations(by_fields: Array, slopes: Array, linked: Array, weight: float) -> Array:
-    """Combinations (r + c, r + c), in columns, of what `GalerkinModel.sums` gives: those that by_fields (r, r), of
-    `error_coordinates`, makes of the residual, then the errors of the flux linkages as shares of the largest one, times
-    `weight`. slopes (r, c): of the amplitudes; linked (c,): linkages of the state. An error of the residual moves the
-    state, and with it the linkages."""
+    """Combinations (r + c, r + c), in columns, of `GalerkinModel.sums`: first by_fields (r, r), of `error_coordinates`,
+    of the residual; then the errors of the flux linkages over the largest one, times `weight`. An error of the residual
+    moves the state, and with it the linkages. slopes (r, c): of the amplitudes; linked (c,): linkages of the state."""
     (modes, coils), largest = slopes.shape, float(np.abs(linked).max(initial=0.0)) or 1.0
     combined = np.zeros((modes + coils, modes + coils))
     combined[:modes, :modes] = by_fields
@@ -342,8 +340,8 @@ def combinations(by_fields: Array, slopes: Array, linked: Array, weight: float) 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Weights(Record):
-    """How much errors of a state count beside that of its field, each as a share of the whole: of its energy, of the
-    flux linkages, and of the inductances, 0 for not at all."""
+    """Weights of the relative errors of a state's energy, flux linkages and inductances, if the relative error of its
+    field has the weight 1."""
 
     energy: float
     linkage: float
@@ -366,17 +364,17 @@ class Conditions(Record):
     inductance: float
 
     def of_points(self, model: GalerkinModel) -> Array:
-        """What each point of a model adds to the numbers, (p, k)."""
+        """The contributions of each point of a model to the numbers, (p, k)."""
         added = model.contributions(model.moments(self.currents, self.amplitude), self.combine)
         return np.concatenate([added, self.of_pairs(model)], axis=1) if self.inductance else added
 
     def of_pairs(self, model: GalerkinModel) -> Array:
-        """The last of these numbers: what each point adds to the inductances, (p, n)."""
+        """The last of these numbers: the contributions of each point to the inductances, (p, n)."""
         return self.inductance * model.inductances(self.currents, self.amplitude, self.slopes)
 
 
 def same_lengths(rows: Array) -> Array:
-    """Array (r, at most r) that gives x @ rows the same length for every x (r,): rows (r, m) in fewer numbers."""
+    """Array A (r, at most r), so that x @ A is as long as x @ rows for every x (r,); rows (r, m)."""
     return np.ascontiguousarray(qr(rows.T, mode="r", check_finite=False)[0][: len(rows)].T)
 
 
@@ -388,8 +386,8 @@ def project(
     basis: Array,
     of_air: Array,
 ) -> GalerkinModel:
-    """Project the potential form on nodal potentials `basis` (n, r); of_air (n, r): what the air makes of them; `unit`:
-    field of one ampere in every coil; background: one source, if there is any."""
+    """Project the potential form on nodal potentials `basis` (n, r); of_air (n, r): S times the basis; unit: field of
+    one ampere in every coil; background: one source, if there is any."""
     elements = form.elements
     gradients = elements.gradients_at_points(basis)
 
@@ -399,7 +397,7 @@ def project(
 
     rows = 12 * len(gradients)
     gradients, weights = gradients.reshape(rows, -1), np.repeat(0.25 * elements.volume, 4)
-    # With both factors the same array, the product takes half the time.
+    # The product of an array with its own transpose takes half the time.
     roots = np.sqrt(np.repeat(weights, 3))
     rooted = roots[:, None] * gradients
     air = rooted.T @ rooted + basis.T @ of_air

@@ -2,11 +2,11 @@
 
 The field of the iron at a point, in one direction, is a linear functional of its charges. The operator is symmetric, so
 that the dual solution of this functional is the same iron in the field of a dipole at that point, in that direction:
-the iron magnetised by unit dipoles in the workspace tells how much every face and element counts for the field there.
+the iron magnetised by unit dipoles in the workspace shows how much every face and element counts for the field there.
 
-A share that falls like h^p on h^-d elements is used best where all are equal: h changes by the (p + d)th root of the
-wanted share over the present one. p is what uniform refinement of devices with sharp edges shows; the first layer at
-those edges has an order of its own, that of the singularity r^(-1/3).
+If shares fall like h^p on h^-d elements, equal shares need the fewest elements: h changes by the (p + d)th root of the
+wanted share over the present one. The order p is measured by uniform refinement of devices with sharp edges; the first
+layer at those edges has the order of the singularity r^(-1/3).
 """
 
 from dataclasses import dataclass
@@ -29,8 +29,9 @@ from fieldmap.kernels.simplex_rules import tetrahedron_rule
 from fieldmap.records import Record
 from fieldmap.typing import Array, Index
 
+# Number of places with dipoles.
 _COUNT = 3
-# Indicators need no more digits than these.
+# Tolerance of the solves for dipoles: indicators need no more digits.
 _TOLERANCE = 1e-3
 
 
@@ -42,8 +43,8 @@ class WorkspaceDipoles(Record):
 
     @classmethod
     def near_iron(cls, candidates: Array, iron: ChargedFaces) -> "WorkspaceDipoles":
-        """At three of the candidates (n, 3): the one nearest to the iron, and others of the nearest third that lie
-        far from it and from each other."""
+        """Dipoles at three of the candidates (n, 3): the one nearest to the iron, and others of the nearest third that
+        lie far from it and from each other."""
         distance = np.array([np.linalg.norm(iron.centres - x, axis=1).min() for x in candidates])
         near = candidates[np.argsort(distance, kind="stable")[: max(_COUNT, len(candidates) // 3)]]
         chosen = near[:1]
@@ -72,13 +73,14 @@ class WorkspaceDipoles(Record):
 
 # Energy per area of a sawtooth of charge, slope g and standard deviation l g: zeta(3) 12^1.5 / (8 pi^3) g^2 l^3.
 _SAWTOOTH = 0.2015
-# What that gives for a polygon of n sides, over (1/2 pi) times its excess logarithmic capacity, 2.40 / n^3.
+# Factor on this energy for the charge of faces that should be curved: a polygon of n sides has the excess energy
+# (1/2 pi) 2.40 / n^3, by its logarithmic capacity.
 _BEND = 3.7
-# Energy per area and height of a strip at an edge whose charge, of mean 1, is r^(-1/3), over that of the mean alone.
+# Excess energy, per area and height, of a strip at an edge with the charge r^(-1/3) of mean 1, over constant charge.
 _TIP = 0.0156
 # Standard deviation of a charge r^(-1/3) over a strip at an edge, over its mean.
 _TIP_DEVIATION = 0.58
-# Faces farther than about twice their radius from a place see the dipole there well enough.
+# Smaller values of `near_kernels` are left out: about twice its radius from a dipole a face resolves the field.
 _NEAR = 0.015
 # Faces that meet at more than this angle (radians) have charges of their own; coarse polygons are kinked by less.
 _SHARP_ANGLE = 1.0
@@ -86,8 +88,9 @@ _SHARP_ANGLE = 1.0
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FaceShares(Record):
-    """Shares of the surface faces (s,) for the worst source and dipole: `across` their shorter axis, for want of layers
-    at sharp edges, and the rest. totals (c,): of all faces, for every source, with the dipole of the largest sum.
+    """Shares of the surface faces (s,) for the worst source and dipole. across: errors along the faces' shorter axis,
+    which layers at sharp edges reduce; rest: all others. totals (c,): sums over all faces, for every source, with the
+    dipole of the largest sum.
 
     at_edge (s,): whether the face touches a sharp edge.
     """
@@ -99,7 +102,7 @@ class FaceShares(Record):
 
     @property
     def total(self) -> float:
-        """That of the source with the largest sum."""
+        """The largest of `totals`."""
         return float(self.totals.max(initial=0.0))
 
 
@@ -115,11 +118,11 @@ def face_indicators(
     """Shares of the surface faces, relative to the largest fields size (c,) of the sources, for the worst of them and
     of the dipoles. charge (c, s), dual_charge (k, s): densities, T; triangles (s, 3): the nodes of the faces.
 
-    fixed (c, k, s): remanence of each source times flux density of each dipole below the face, T^2. What flat faces cut
-    off a magnet lacks in proportion, although it bears no charges in the field of a dipole at mu_r = 1.
+    fixed (c, k, s): remanence of each source times flux density of each dipole below the face, T^2. A magnet lacks the
+    volume that flat faces cut off, although it has no charges in the field of a dipole at mu_r = 1.
 
-    places (n, 3): of the air, where errors count. Faces that are larger than their distance from one of them cannot
-    tell the charge that a dipole there leaves on them; what they err by there is that of their own charge, directly.
+    places (n, 3): of the air, where errors count. A face that is larger than its distance from a place does not resolve
+    the charge of a dipole there; its error there is estimated from its own charge directly.
     """
     neighbours = smooth_neighbours(triangles, surface.normals)
     slopes = _slopes(surface, neighbours)
@@ -127,13 +130,13 @@ def face_indicators(
     weight = _SAWTOOTH * surface.areas[:, None] * deviation**3
 
     def slopes_of(values: Array) -> Array:
-        """Along the axes of the faces (c, s, 2), of values (c, s)."""
+        """Slopes (c, s, 2) of values (c, s) along the axes of the faces."""
         return np.einsum("csd,sda->csa", _gradients(slopes, neighbours, values), axes)
 
-    # A charge on a face that should be curved errs as one with the slope charge / radius does, but more.
+    # A charge on a face that should be curved has _BEND times the error of a charge with the slope charge / radius.
     curvature = (slopes_of(surface.normals.T) ** 2).sum(axis=0)
     bend = _BEND * (curvature * weight).sum(axis=1)
-    # Between a triangle with corners on a surface and that surface: 1.5 x variance x curvature along each axis.
+    # Distance between a triangle and the surface through its corners: 1.5 x variance x curvature along each axis.
     cut_off = 1.5 * surface.areas * (np.sqrt(curvature) * deviation**2).sum(axis=1)
     edge = np.zeros(int(triangles.max()) + 1, bool)
     edge[triangles[:, TRIANGLE_TURN][neighbours < 0]] = True
@@ -157,8 +160,8 @@ def face_indicators(
 
 
 def near_kernels(surface: ChargedFaces, places: Array) -> Array:
-    """What a charge of mean 0 and deviation 1 T on each face adds to B at places (n, 3), T, at most: (n, s); it matters
-    near the face alone, and falls with the fourth power of the distance."""
+    """Bounds (n, s) of B at places (n, 3), T, by a charge of mean 0 and deviation 1 T on each face. They fall with the
+    fourth power of the distance."""
     radius = np.sqrt(surface.areas / np.pi)
     out = np.zeros((len(places), len(radius)))
     for row, place in zip(out, places, strict=True):
@@ -191,7 +194,7 @@ def element_indicators(
 
 
 def smooth_neighbours(triangles: Index, normals: Array) -> Index:
-    """Faces (s, 3) across the three sides of each of a closed surface; -1 where the surface is kinked."""
+    """Faces (s, 3) across the three sides of each face of a closed surface; -1 where the surface is kinked."""
     one, other = common_sides(triangles)
     out = np.full(triangles.size, -1)
     cosine = np.einsum("id,id->i", normals[one // 3], normals[other // 3])
@@ -201,7 +204,7 @@ def smooth_neighbours(triangles: Index, normals: Array) -> Index:
 
 
 def heights(corners: Array) -> Array:
-    """Of triangles (n, 3, 3), over their longest sides."""
+    """Heights (n,) of triangles (n, 3, 3) over their longest sides."""
     sides = corners - np.roll(corners, 1, axis=1)
     longest = np.linalg.norm(sides, axis=2).max(axis=1)
     return np.asarray(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / longest, np.float64)
@@ -228,19 +231,21 @@ def _principal_axes(corners: Array) -> tuple[Array, Array]:
     return np.sqrt(np.maximum(variance[:, 1:], 0.0)), axes[:, :, 1:]
 
 
+# Powers of the size with which the shares of layers, faces and elements fall.
 _LAYER_ORDER, _FACE_ORDER, _ELEMENT_ORDER = 4 / 3, 2.5, 3.0
-# One step makes an element smaller by no more than this, and larger.
+# Limits of the factor on an element's size in one step.
 _SMALLEST, _LARGEST = 0.45, 1.3
-# A layer at an edge costs about as many faces as it gains at this multiple of the share of others.
+# The share wanted at a layer is this multiple of the other shares, because a layer costs many faces.
 _LAYER_COST = 4.0
+# Smallest factor on a layer's thickness in one step.
 _THINNEST = 0.16
 # No layer is thinner than this part of the elements' size.
 _FLATTEST = 0.02
 # One step lowers the predicted error by no more than this factor.
 _STEP = 4.0
 _NEIGHBOURS = 6
-# Faces, and tetrahedra, that one more layer adds to each face at an edge (measured on a disk with a core), and what
-# counts for a mesh that is to grow: layers alone, which cost many faces, are not to pass for growth all over.
+# Faces, and tetrahedra, that one more layer adds to each face at an edge (measured on a disk with a core); and the same
+# as counted towards the least growth of a mesh, so that layers alone do not pass for refinement everywhere.
 _PER_LAYER, _LEAST_PER_LAYER = (2.8, 7.0), (1.0, 0.0)
 # Steps of the logarithm of the common share towards a mesh that grows enough.
 _TRY, _MOST_TRIES = 0.1, 300
@@ -263,7 +268,7 @@ class _Shares:
         return np.exp(np.clip(ratio / self.root, *np.log(self.limits)))
 
     def predicted(self, common: float) -> float:
-        """Sum of the shares after that."""
+        """Sum of the shares once the sizes are changed by these factors."""
         return float(self.shares @ self.factors(common) ** self.order)
 
 
@@ -271,7 +276,7 @@ def next_sizes(
     iron: AssembledIron, faces: FaceShares, elements: Array, reduction: float, least_growth: float = 1.0
 ) -> LocalSizes:
     """Sizes and layers that divide the predicted error by `reduction`, at most 4, from the shares of faces and of
-    elements (e,); smaller ones where these would not give `least_growth` times as many surface faces."""
+    elements (e,). They are made smaller until the surface faces are expected to grow `least_growth` times."""
     surface, cells, below = iron.surface, *_cells(iron)
     count = len(cells.sizes)
     tips = np.flatnonzero(faces.at_edge)
@@ -325,14 +330,14 @@ def expected_growth(
     sizes: LocalSizes,
     per_layer: tuple[float, float] = _PER_LAYER,
 ) -> tuple[float, float]:
-    """How many times as many surface faces and tetrahedra the sizes of `next_sizes` are expected to give.
+    """Expected ratios of surface faces and of tetrahedra, with the sizes of `next_sizes`, to the present numbers.
 
-    at_edge (s,): whether faces touch a sharp edge; per_layer: how many faces, and tetrahedra, one more layer adds there
-    to each.
+    at_edge (s,): whether faces touch a sharp edge; per_layer: faces, and tetrahedra, that one more layer adds to each
+    of these.
     """
     cells, below = _cells(iron)
     factor = sizes.sizes / cells.sizes
-    # Walls as thin as their elements gain like the square, thick iron like the cube.
+    # Tetrahedra grow with the square of 1 / size in walls of one element, with the cube in thick iron: 2.5 between.
     faces, tets = factor[below] ** -2, factor[cells.number] ** -2.5
     layers = np.maximum(
         0.0, np.log(heights(iron.surface.corners[at_edge]) / sizes.layers) / np.log(1 / LAYER_RATIO)
@@ -344,7 +349,7 @@ def expected_growth(
 
 
 def _cells(iron: AssembledIron) -> tuple[MesherCells, Index]:
-    """The mesher's cells, and the one (s,) below each surface face."""
+    """The mesher's cells, and the number (s,) of the cell below each surface face."""
     cells, topology = iron.mesh.cells, iron.topology
     if cells is None:
         raise ValueError("a mesh that is a body's own has no cells")
@@ -362,7 +367,7 @@ def _common_share(parts: tuple[_Shares, ...], aim: float) -> float:
 
 
 def _nearest(places: Array) -> NDArray[np.int64]:
-    """The nearest few (n, k) of places (n, 3) to each, itself included: shares of single cells scatter."""
+    """The nearest few (n, k) of places (n, 3) to each, itself included, for means: shares of single cells scatter."""
     if len(places) == 0:
         return np.zeros((0, 1), np.int64)
     _, nearest = cKDTree(places).query(places, min(_NEIGHBOURS, len(places)))

@@ -1,4 +1,4 @@
-"""What devices of one job have in common is made once: checks of their geometry, the mutual potentials of their iron's
+"""Results that devices of one job share are made once: checks of their geometry, the mutual potentials of their iron's
 faces, solutions, reactions."""
 
 import hashlib
@@ -13,14 +13,14 @@ from fieldmap.device.model import Device
 from fieldmap.iron.mesh.mesh import IronMesh
 
 R = TypeVar("R")
-# Solutions, reactions and answers to sensors: charges of the surface, of those used last.
+# Most solutions, reactions and answers to sensors that are kept: the last ones used.
 _MOST = 16
-# Of a device: what decides neither its solves nor whether its geometry is sound.
+# Fields of a device that change neither its solves nor the check of its geometry.
 _APART = ("title", "payload", "driver", "references", "sections", "provenance", "source", "text")
 
 
 class SharedSolves:
-    """The operators of the mesh of the iron that was solved last, and the last of what else was asked for.
+    """The operators of the mesh that was solved last, and the last results of solves.
 
     Memory does not grow with the number of devices. Ask for devices with the same iron one after the other.
     """
@@ -31,21 +31,21 @@ class SharedSolves:
         self._solves: OrderedDict[str, Any] = OrderedDict()
 
     def operator(self, mesh: IronMesh, name: str, make: Callable[[], R]) -> R:
-        """What depends on the mesh and the name alone.
+        """An operator that depends on the mesh alone.
 
         Parameters
         ----------
         mesh
-            Of the iron.
+            The mesh of the iron.
         name
-            Of the operator.
+            Name of the operator.
         make
-            Makes it.
+            Makes the operator.
 
         Returns
         -------
         R
-            That of the mesh, or that of an equal mesh before it.
+            The operator, kept from the last mesh if that is equal.
         """
         content = digest(mesh.points, mesh.tets, mesh.body, mesh.body_names, mesh.symmetry, mesh.sheets)
         if content != self._mesh:
@@ -57,28 +57,28 @@ class SharedSolves:
         return found
 
     def solve(self, depends_on: tuple[Any, ...], make: Callable[[], R]) -> R:
-        """What depends on the mesh that `operator` was given last, and on this plain data.
+        """A result that depends on the last mesh given to `operator` and on plain data.
 
         Parameters
         ----------
         depends_on
-            Arrays, records and numbers that decide it.
+            Arrays, records and numbers on which the result depends.
         make
-            Makes it.
+            Makes the result.
 
         Returns
         -------
         R
-            It, or what was made of equal data before.
+            The result, kept from an earlier call with equal data.
         """
         return self.once((self._mesh, *depends_on), make)
 
     def once(self, depends_on: tuple[Any, ...], make: Callable[[], R]) -> R:
-        """As `solve`, of what depends on this plain data alone, whatever the mesh."""
+        """As `solve`, for a result that depends on this plain data alone, not on the mesh."""
         try:
             key = digest(*depends_on)
         except (AttributeError, TypeError, pickle.PicklingError):
-            # With a local function of the user, as the field of a source in air: nothing equals it.
+            # Data with a local function of the user, as the field of a source in air, cannot be compared.
             return make()
         found: R = self._solves.pop(key) if key in self._solves else make()
         self._solves[key] = found
@@ -93,12 +93,12 @@ def digest(*contents: Any) -> str:
 
 
 def windings(coils: tuple[Coil, ...]) -> tuple[Coil, ...]:
-    """What of coils decides their fields per ampere: without names and what is known of the copper."""
+    """The coils without names, resistances and inductances, on which their fields per ampere do not depend."""
     unnamed = {"name": "", "resistance": None, "inductance": None}
     return tuple(replace(coil, **unnamed) for coil in coils)  # zuban: ignore[misc]
 
 
 def what_is_solved(device: Device) -> tuple[Any, ...]:
-    """What of a device decides its solves and whether its geometry is sound, with the names that notes tell."""
+    """The data of a device for its solves and the check of its geometry, with the names that appear in notes."""
     rest = {name: value for name, value in vars(device).items() if name not in (*_APART, "coils")}
     return device.coil_names, windings(device.coils), rest

@@ -1,10 +1,9 @@
-"""A device with linear iron, solved by the surfaces of its bodies alone, and what its solution knows without a mesh of
-the volume.
+"""A device with linear iron, solved on the surfaces of its bodies alone, and its solution without a mesh of the volume.
 
-Outside, charges on the surface make the field, as in the other forms. Inside a region of one material the total field
-is that of another layer of charges on the region's boundary, which make the total potential there: nothing cancels, and
-B is mu_r times that field. Where the iron links the currents of a source its total potential has no single value; there
-the second layer makes the iron's own field, to which that of the source is added.
+Outside, charges on the surface make the field, as in the other forms. Inside a region of one material another layer of
+charges on the region's boundary makes the total potential and field: no large fields cancel, and B is mu_r times this
+field. If the iron links the currents of a source, its total potential has no single value; then the second layer makes
+the iron's own field, to which the source's field is added.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ class RegionField(Record):
 
     solids (k,): its solids in the mesh; remanence (c, 3) in T; faces: its boundary; triangles (n,): their numbers in
     the mesh, and turned (n,): -1 where the normal of the mesh enters the region; strength (c, n, 3): mu0 H in T just
-    inside; density (c, n) in T: charges whose field inside is mu0 H, or that of the iron where `linked` (c,).
+    inside; density (c, n) in T: charges whose field inside is mu0 H, or the iron's part of it where `linked` (c,).
     """
 
     solids: Index
@@ -126,7 +125,7 @@ class SurfaceState(LinearState):
         return h
 
     def _mean_over(self, body: str) -> Array:
-        """By the mean of x B.n over its boundary: B has no divergence."""
+        """Mean B (3,), T, from the integral of x B.n over the boundary, because B has no divergence."""
         surface = self.solution.surface
         solids = surface.solids_of(body)
         triangles = surface.around(solids)
@@ -147,14 +146,14 @@ class SurfaceState(LinearState):
             known[region.triangles] = True
         turned = np.where(np.isin(surface.sides[numbers, 0], solids), 1.0, -1.0)
         out = value[numbers] * turned
-        # Within a region there are no charges: the field is that of any other point inside.
+        # Triangles within a region have no charges: B there is computed as at any point inside.
         missing = np.flatnonzero(~known[numbers])
         b = self._inside(faces.centres[missing], surface.sides[numbers[missing], 0])
         out[missing] = np.einsum("nd,nd->n", b, faces.normals[missing])
         return out
 
     def section_flux(self, section: str | Section) -> SectionFlux:
-        """Flux, area and mean normal flux density of a section, by what leaves the iron on one side of its plane.
+        """Flux, area and mean normal flux density of a section, from the flux out of the iron on one side of its plane.
 
         Raises InputError for an unknown name, for a plane that cuts no iron, and for a section with half widths, which
         need the field inside: solve in another form.
@@ -182,7 +181,7 @@ class SurfaceState(LinearState):
 
 
 def _applied(coils: Sequence[Coil], background: Background | None, columns: int, x: Array) -> Array:
-    """Flux densities (c, n, 3) at points (n, 3) of one ampere in each coil and, last, of what no current drives."""
+    """Flux densities (c, n, 3) at points (n, 3) of one ampere in each coil and, last, of the background."""
     out = np.zeros((columns, *x.shape))
     out[: len(coils)] = unit_flux_densities(coils, x)
     if background is not None:
@@ -219,12 +218,12 @@ def region_field(
     air = np.flatnonzero(place[triangles] >= 0)
     at = np.ix_(air, np.flatnonzero(solved.linked))
     normal[at] = -solved.normal[place[triangles[air]]][:, solved.linked] / region.mu_r
-    # The curl n x grad u, turned about n once more.
+    # The tangential part of -grad u is n x (n x grad u).
     across = np.cross(own.faces.normals[:, :, None], of.total.curl, axis=1) / own.faces.areas[:, None, None]
     strength = across - own.faces.normals[:, :, None] * normal[:, None]
     potential = np.where(solved.linked, solved.reduced, solved.total)[own.nodes]
     means = own.means @ potential
-    # A constant has no field inside, but for the discretisation: at large mu_r it would be all there is.
+    # A constant has no field inside but for the discretisation error, which would dominate at large mu_r.
     means = means - own.faces.areas @ means / own.faces.areas.sum()
     density = np.ascontiguousarray((own.charge(means) / own.faces.areas[:, None]).T)
     turned = np.where(np.isin(surface.sides[triangles, 0], region.solids), 1.0, -1.0)
@@ -234,8 +233,8 @@ def region_field(
 
 
 def iron_linkages(solved: SurfacePotential, coils: int) -> Array:
-    """Flux linkages (coils, c) in Wb that the iron adds: int t_k . (B - mu0 H) dV / mu0 with the field t_k of one
-    ampere in coil k (docs/theory/forces.md)."""
+    """The iron's flux linkages (coils, c) in Wb: int t_k . (B - mu0 H) dV / mu0 with the field t_k of one ampere in
+    coil k (docs/theory/forces.md)."""
     total = np.zeros((coils, len(solved.magnets)))
     for of in solved.regions:
         own = of.applied.part(slice(coils))
@@ -247,8 +246,8 @@ def iron_linkages(solved: SurfacePotential, coils: int) -> Array:
     return total / MU0
 
 
-# W with its factor in single precision, K, half as large as W, and D and its factor, a quarter each; and as much for
-# the inside of several bodies.
+# Bytes per pair of triangles: W with its factor in single precision (12), K (4), D and its factor (4), and room for the
+# matrices inside several bodies.
 _BYTES_PER_PAIR = 30
 
 

@@ -88,14 +88,14 @@ def solve_to_tolerance(
     device
         The machine, its file, or the name of a shipped one.
     tolerance
-        Of the flux density, relative to its largest value in the workspace, for each coil and for
-        the magnets and background. A `Tolerance` gives it for each quantity, relative or absolute.
+        Allowed error of the flux density, relative to its largest value in the workspace, for each coil and for
+        the magnets and background; or a `Tolerance` for each quantity, relative or absolute.
     mu_r
         Relative permeability of all soft iron; None: the device's own.
     progress
         progress(message, fraction) is called between steps.
     gradient_tolerance
-        Of the gradient, relative to the larger of its largest value and of |B| over a length
+        Allowed error of the gradient, relative to the larger of its largest value and of |B| over a length
         (`fieldmap.iron.error`); 3 x tolerance if None.
     most_meshes
         Most meshes of the run, 2 or more.
@@ -158,7 +158,7 @@ def _check(device: Device, asked: Tolerance, most_meshes: int) -> None:
 
 @dataclass(eq=False)
 class _Run:
-    """Meshes of one device, each from the shares of the one before, and how they went."""
+    """The meshes of one device, each made from the error shares of the mesh before, and their results."""
 
     device: Device
     asked: Tolerance
@@ -258,7 +258,7 @@ class Level(Record):
     """One mesh, solved: shares in the error, and sizes for the next mesh.
 
     forms, solutions: the chosen form first, then the complementary one, where it may be used; points (n, 3): of the
-    air, where errors count; asked: what is allowed there."""
+    air, where errors count; asked: the errors allowed there."""
 
     properties: BodyProperties
     points: Array
@@ -297,7 +297,7 @@ class Level(Record):
 
     @property
     def operations(self) -> int:
-        """How many operations the symmetry of the mesh has."""
+        """Number of operations of the mesh's symmetry."""
         symmetry = self._iron.mesh.symmetry
         return 1 if symmetry is None else symmetry.group.order
 
@@ -358,7 +358,7 @@ class Level(Record):
         return element_indicators(volume, mu_r, self._states, (self._dual, other), self._size)
 
     def growth(self, sizes: LocalSizes) -> tuple[float, float]:
-        """How many times as many surface faces and tetrahedra the next mesh is expected to have."""
+        """Expected ratios of surface faces and of tetrahedra, of the next mesh to this one."""
         return expected_growth(self._iron, self.face_shares.at_edge, sizes)
 
     def shares_of_bodies(self, sizes: LocalSizes | None = None) -> tuple[ErrorShare, ...]:
@@ -397,7 +397,7 @@ class Level(Record):
 
     @cached_property
     def _largest(self) -> Array:
-        """Largest flux density (c,) of every source: of each coil, and of what no current drives."""
+        """Largest flux density (c,), T, of every source: each coil, and the magnets and background."""
         fields = self.solution.source_fields(self.points)[0]
         return np.maximum(np.linalg.norm(fields, axis=2).max(axis=1), 1e-300)
 

@@ -22,7 +22,7 @@ ArcIntegrals = tuple[float, float, float, float, float, float, float, float, flo
 
 MOST_EVEN = 16
 MOST_AZIMUTHS = 128  # two panels of the longest rule
-_NEAREST = 1e-9  # of the outer radius: a point on the very surface is treated as that far from it
+_NEAREST = 1e-9  # of the outer radius: least distance of a point from the surface of the section
 
 
 @njit
@@ -153,7 +153,7 @@ def arc_integrals(
 ) -> ArcIntegrals:
     """Field integrals (3) and the derivatives of the in-plane ones along the axes of the arc's frame, row by row.
 
-    gap: 0 for the exact section, or a distance that the winding has at least: then by filaments.
+    gap: 0 for the exact section; otherwise a lower bound of the winding's distance, for the sum over filaments.
     """
     total = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if gap == 0.0:

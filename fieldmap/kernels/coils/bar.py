@@ -20,7 +20,7 @@ from fieldmap.typing import Array
 
 BarIntegrals = tuple[float, float, float, float, float]
 
-_MOST_SLICES = 24  # in slices; the closed form costs about as much
+_MOST_SLICES = 24  # points along a bar; the closed form costs about as much
 _MOST_FAR = 32
 
 
@@ -100,7 +100,7 @@ def _bar_sum(
 def bar_integrals(
     v1: float, v2: float, X: float, section: Section, limits: Array, gap: float, digits: float
 ) -> BarIntegrals:
-    """(outward, axial) and d(outward)/d(outward, current, z) of a bar; gap: of `arc.arc_integrals`."""
+    """(outward, axial) and d(outward)/d(outward, current, z) of a bar; gap as in `arc.arc_integrals`."""
     n = _bar_points(v1, v2, X, section, limits)
     total = (0.0, 0.0, 0.0, 0.0, 0.0)
     if gap == 0.0:

@@ -1,7 +1,7 @@
 """Flux density by the kernels of windings, alone or with its gradient.
 
-A kernel sums both and writes no gradient where the array for it has no rows: flux density alone takes up to a sixth
-longer so (half as long again far from a ring), and a second kernel without gradients would take seconds to compile.
+A kernel sums both, and writes no gradient if the array for it has no rows. Flux density alone thus takes up to a sixth
+longer (half as long again far from a ring), but a second kernel without gradients would take seconds to compile.
 """
 
 from collections.abc import Callable

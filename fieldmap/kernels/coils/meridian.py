@@ -1,4 +1,4 @@
-"""From the meridian plane of an axisymmetric source to Cartesian components."""
+"""Cartesian components of axisymmetric fields, from their values in the meridian plane."""
 
 import math
 
@@ -65,7 +65,7 @@ def set_block(
     field: Array,
     gradient: Array,
 ) -> None:
-    """Write what the rows of `meridian_block` give to field (n, 3) and, unless it is empty, to gradient (n, 3, 3)."""
+    """Write the rows of `meridian_block` to field (n, 3) and, unless it is empty, to gradient (n, 3, 3)."""
     first = block * BLOCK
     for i in range(len(radial)):
         set_field(field[first + i], points[first + i, 0], points[first + i, 1], radial[i], axial[i])

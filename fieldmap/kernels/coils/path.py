@@ -125,7 +125,7 @@ def current_direction(
 
 @njit
 def extent(arcs: Array, bars: Array, thickness: float, height: float) -> tuple[float, float, float, float]:
-    """Of the bounding box of the path's pieces: middle x, y; half diagonal; a quarter of its area in the plane."""
+    """Middle x, y, half diagonal and a quarter of the in-plane area of the bounding box of the path's pieces."""
     low_x, high_x, low_y, high_y = math.inf, -math.inf, math.inf, -math.inf
     for k in range(len(arcs)):
         arc = _arc(arcs, k)
@@ -164,7 +164,7 @@ def _close_gradient(
     G[2, 2] = -G[0, 0] - G[1, 1]
 
 
-# As `vector *= factor`, which takes two seconds to compile: numba makes its message about shapes by the way.
+# `vector *= factor` takes two seconds to compile, because numba compiles an error message about shapes with it.
 @njit(inline="always")
 def _scale(vector: Array, factor: float) -> None:
     for k in range(3):

@@ -1,4 +1,4 @@
-"""How many Gauss-Legendre points the sum over the slices of a winding needs.
+"""Number of Gauss-Legendre points for the sum over the slices of a winding.
 
 The integrand along a winding is singular at complex positions offset +- i depth, where depth is about the distance
 of the field point from the winding section. Points spread evenly converge like Bernstein's ellipse through that
@@ -18,13 +18,13 @@ Section = tuple[float, float, float, float]
 """r1, r2, h1, h2: a winding's section as a field point sees it, see `fieldmap.kernels.coils.slice`."""
 STEP = 8
 RULES = 8  # 8, 16, ... 64 points
-MARGIN = 1.5  # decimal digits on top of those asked for: cancellation between opposite sides of a coil
+MARGIN = 1.5  # further decimal digits, lost by cancellation between opposite sides of a coil
 
 
 @njit
 def rule_limits(digits: float) -> Array:
-    """limits (2, RULES): the smallest half sum of the axes' ratio (row 0: |z-1| + |z+1| over 2) and the largest
-    half width of w (row 1) for which 8, 16, ... points give `digits` correct decimal digits."""
+    """limits (2, RULES): the smallest (|z-1| + |z+1|)/2 of the singularity (row 0) and the largest half width of w
+    (row 1) for which 8, 16, ... points give `digits` correct decimal digits."""
     limits = np.empty((2, RULES))
     for k in range(RULES):
         rate = 0.5 * math.log(10.0) * (digits + MARGIN) / (STEP * (k + 1))

@@ -1,8 +1,8 @@
 """Flux density and gradient of a circular winding of rectangular section, per ampere-turn.
 
-inner <= r <= outer, |z| <= height/2, axis along z, uniform current density. Slices over half the circle, from the
-field point's own azimuth on; azimuths at equal steps where the integrand is smooth (the error of a periodic function
-falls exponentially), graded towards the field point where it is near: docs/theory/coils.md (21)-(23).
+inner <= r <= outer, |z| <= height/2, axis along z, uniform current density. Slices are summed over half the circle,
+from the field point's own azimuth on. Azimuths have equal steps where the integrand is smooth (the error of a periodic
+function falls exponentially), and are graded towards a field point that is near: docs/theory/coils.md (21)-(23).
 """
 
 import math

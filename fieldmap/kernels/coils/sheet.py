@@ -2,8 +2,8 @@
 
 Radius a, |z| <= height/2, centre at the origin, axis along z; one ampere-turn spread evenly over the height.
 docs/theory/coils.md (11)-(14): the radial field is the difference of the vector potentials of the two end loops,
-the derivative along z the difference of their fields, the axial field that of two complete integrals of the third
-kind (Derby and Olbert, Am. J. Phys. 78 (2010) 229). Far away, where those differences cancel, loops at
+the derivative along z the difference of their fields, the axial field the difference of two complete integrals of the
+third kind (Derby and Olbert, Am. J. Phys. 78 (2010) 229). Far away, where these differences cancel, loops at
 Gauss-Legendre points in z take their place. Singular on the rims; on the sheet itself B_z is the mean of both sides.
 """
 
@@ -19,12 +19,12 @@ from fieldmap.kernels.gauss import GAUSS_NODES, GAUSS_WEIGHTS, gauss_start
 from fieldmap.typing import Array
 
 _WORK = 60.0 * BLOCK
-_LOST = 2e3  # rounding errors that closed form may lose by cancellation
+_LOST = 2e3  # factor by which cancellation in closed form may enlarge rounding errors
 
 
 @inlined
 def _end(a: float, rho: float, z: float) -> tuple[float, float, float, float]:
-    """Of the loop at one end: A_phi/rho, the axial term of eq. (12), and the loop's B_rho/rho and B_z."""
+    """The loop at one end: its A_phi/rho, the axial term of eq. (12), its B_rho/rho and B_z."""
     a2, rho2, z2 = a * a, rho * rho, z * z
     q2, d2 = (a + rho) ** 2 + z2, (a - rho) ** 2 + z2
     q = math.sqrt(q2)
@@ -55,7 +55,7 @@ def sheet_meridian(a: float, half: float, rho: float, z: float) -> tuple[float, 
 
 @inlined
 def far_points(a: float, half: float, rho: float, z: float) -> int:
-    """Gauss-Legendre points in z to use instead of closed form, or 0 where that loses no more than it may."""
+    """Gauss-Legendre points in z to use instead of closed form, or 0 where closed form is accurate enough."""
     r2 = rho * rho + z * z
     if r2 * r2 * r2 < (_LOST * half * a * a) ** 2 or r2 < 9.0 * half * half:
         return 0

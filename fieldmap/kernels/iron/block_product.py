@@ -1,4 +1,4 @@
-"""Products of a symmetric matrix of dense and low-rank blocks, of which one triangle is stored in single precision.
+"""Products of a symmetric matrix of dense and low-rank blocks; one triangle is stored, in single precision.
 
 Sums are in double precision. Columns come in groups of four, so that every number of the matrix is loaded once and
 used four times: charge and potential are arrays (groups, n, 4).

@@ -42,8 +42,8 @@ def solid_angle(x, y, z, p):
 
 @inlined(fastmath=True)
 def edge(k, x, y, z, p, n):
-    """Of edge k of the triangle p (3, 3) with unit normal n (3,), seen from (x, y, z): the ways to its start and along
-    it, the distances of its ends, its length, the outward in-plane normal m_k and f_k; the three vectors as tuples."""
+    """Edge k of the triangle p (3, 3) with unit normal n (3,), seen from (x, y, z): vectors to its start and along it,
+    the distances of its ends, its length, the outward in-plane normal m_k and f_k; vectors are tuples."""
     k1 = k + 1 if k < 2 else 0
     ux, uy, uz = p[k, 0] - x, p[k, 1] - y, p[k, 2] - z
     vx, vy, vz = p[k1, 0] - x, p[k1, 1] - y, p[k1, 2] - z
@@ -95,8 +95,8 @@ def triangle_field(x, y, z, p, n):
 def triangle_field_and_gradient(x, y, z, p, n):
     """Field and gradient at (x, y, z): ex, ey, ez, gxx, gxy, gxz, gyy, gyz, gzz (symmetric, trace-free).
 
-    The gradient of f_k is that of two distances; the gradient of Omega is the Biot-Savart field of the triangle's
-    border. Their sum is symmetric, so the six entries are formed once.
+    The gradient of f_k follows from two distances; the gradient of Omega is the Biot-Savart field of the triangle's
+    border. Their sum is symmetric, so that only six entries are computed.
     """
     ex = ey = ez = 0.0
     gxx = gxy = gxz = gyy = gyz = gzz = 0.0

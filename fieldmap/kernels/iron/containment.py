@@ -28,8 +28,8 @@ def _contains(p, x, y, z):
 
 @njit(nogil=True)
 def find_tetrahedron(begin, end, points, corners, lower, upper, out):
-    """Fill out (n,) with the index of the first tetrahedron corners (m, 4, 3) that contains each point (n, 3); where
-    none does, it stays as it is.
+    """Fill out (n,) with the index of the first tetrahedron corners (m, 4, 3) that contains each point (n, 3); entries
+    of other points are not changed.
 
     lower, upper (m, 3): bounding boxes.
     """
@@ -46,7 +46,7 @@ def find_tetrahedron(begin, end, points, corners, lower, upper, out):
                 break
 
 
-# A triangle further away than this many radii is one dipole: good to a few percent, where half is asked for.
+# A triangle further away than this many radii is one dipole: good to a few percent; the test needs 50 %.
 _FAR_RADII = 3.0
 
 
@@ -83,9 +83,9 @@ def _on_triangle(p, n, radius, slack, x, y, z):
 
 @njit(nogil=True)
 def off_surface(begin, end, points, corners, normals, centres, radii, slack, step, out):
-    """Fill out (n, 3) with the points (n, 3); those on triangles corners (m, 3, 3) move along the sum of their normals.
+    """Fill out (n, 3) with points (n, 3); points on triangles corners (m, 3, 3) move along the sum of their normals.
 
-    slack: how far from a triangle a point still lies on it; step: how far it moves; both in the triangle's radii.
+    slack: largest distance of a point on a triangle; step: length of the move; both in the triangle's radii.
     """
     for i in range(begin, end):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]

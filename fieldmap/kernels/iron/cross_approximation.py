@@ -90,10 +90,10 @@ def cross(block, x, y, z, tolerance, left, right):
     return -1
 
 
-# Not inlined: with its products, QR and singular values, it takes longest to compile, and would be compiled twice.
+# Not inlined: QR and singular values take seconds to compile, and inlining would compile them again in the caller.
 @njit
 def recompress(left, right, rank, tolerance):
-    """Lower the rank of left^T right as far as the tolerance allows; returns the new one. Works in place."""
+    """Lower the rank of left^T right as far as the tolerance allows, in place; returns the new rank."""
     rows, a = np.linalg.qr(left[:rank].T)
     columns, b = np.linalg.qr(right[:rank].T)
     p, s, qt = np.linalg.svd(np.ascontiguousarray(a) @ np.ascontiguousarray(b).T)
@@ -118,7 +118,7 @@ def approximate_far_blocks(begin, end, blocks, place, cap, x, y, z, tolerance, s
     """Fill ranks (b,) of far blocks (b, 4), -1 where more than `cap` terms are needed; factors of block k as two arrays
     (rank, rows) and (rank, columns) from scratch[place[k]] on, cap (rows + columns) numbers apart.
 
-    Large blocks first: they are dealt in turn to `slots` heaps, of which those from begin to end are done.
+    Large blocks come first. Slot s has blocks s, s + slots, s + 2 slots, ...; slots from begin to end are done.
     """
     for slot in range(begin, end):
         for k in range(slot, blocks.shape[0], slots):

@@ -69,7 +69,7 @@ def _close(points, weights, corners, normal, area, radius, out):
 @inlined(fastmath=True)
 def _far_row(i, far, normals, sums):
     """sums (3 n,): of n . (x - y) / |x - y|^3 over the three points x of triangle i, for the points y of all; normals
-    (3, 3 n): those of the points' triangles. No branches (a division that may raise is one): it becomes vector code."""
+    (3, 3 n): of the points' triangles. No branches (a division that may raise is one): it becomes vector code."""
     x, y, z, nx, ny, nz = far[0], far[1], far[2], normals[0], normals[1], normals[2]
     sums[:] = 0.0
     for p in range(3 * i, 3 * i + 3):

@@ -6,7 +6,7 @@ f, outward area vector S_f), weighted by the barycentric coordinate of corner c,
 
     x_fc = sum_q C_fcq S_f . B_q                                                                       (C: `SHAPE`)
 
-and a potential l on the faces together with a mean p in the element makes the field strength
+and a potential l on the faces together with a mean p in the element give the field strength
 
     h_q = t_q + (4 / V) (p D_q - sum_fc C_fcq S_f l_fc),      D_q = sum_fc C_fcq S_f,
 
@@ -50,7 +50,7 @@ def _divergence(shape, area, d):
 
 @njit(inline="always")
 def _drive(potential, dofs, t, shape, area, scale, r):
-    """Fill r (4, 3) with t_q - scale sum_fc C_fcq S_f l_fc. The mean of l is left out: p takes it up."""
+    """Fill r (4, 3) with t_q - scale sum_fc C_fcq S_f l_fc. The mean of l is subtracted: it only shifts p."""
     mean = 0.0
     for i in range(12):
         mean += potential[dofs[i]] / 12.0
@@ -141,7 +141,7 @@ def moment_matrices(begin, end, values, shape, area, volume, out):
     """Add to out (e, 12, 12) minus the derivative of the outward moments of B by the face potentials, for the symmetric
     db/dh = `values` (e, 4, 6) at the points: xx, xy, xz, yy, yz, zz.
 
-    Symmetric; zero for equal potentials on all faces, positive otherwise. Otherwise as `strength`.
+    They are symmetric, and positive but for equal potentials on all faces. Other arguments are as for `strength`.
     """
     pair = np.empty((4, 4))
     for e in range(begin, end):
@@ -162,7 +162,7 @@ def moment_matrices(begin, end, values, shape, area, volume, out):
 
 @njit(inline="always")
 def _remove_net_flux(matrix):
-    """N -> N - N 1 1^T N / (1^T N 1): the mean p answers whatever the faces do."""
+    """N -> N - N 1 1^T N / (1^T N 1): the mean p is eliminated."""
     row = np.zeros(12)
     total = 0.0
     for i in range(12):

@@ -45,7 +45,7 @@ def flux_densities(h, law, tables):
 def magnetise(begin, end, h, weights, law, tables):
     """h (3 p, s), mu0 H of s states at p points, becomes w (b/h - 1) h: mu0 M times the weights (p,) of the points.
 
-    law (p,): that of each point. Nothing is divided by zero: laws are smooth, and 1e-14 T no field.
+    law (p,): of each point. 1e-14 T is added to |h|, so that nothing is divided by zero.
     """
     for p in range(begin, end):
         for k in range(h.shape[1]):
@@ -74,8 +74,8 @@ def susceptibility(begin, end, h, law, tables, out):
 
 @njit(nogil=True)
 def root_of_susceptibility(h, weights, law, tables, rows):
-    """rows (p, 3, r) of each point are multiplied by the square root of w (db/dh - 1), a symmetric matrix (3, 3) whose
-    one axis is h (3 p,)."""
+    """Multiply rows (p, 3, r) of each point by the square root of w (db/dh - 1), a symmetric matrix (3, 3) with h
+    (3 p,) as one axis."""
     for p in range(weights.size):
         x, y, z = h[3 * p], h[3 * p + 1], h[3 * p + 2]
         size = math.sqrt(x * x + y * y + z * z) + 1e-14

@@ -1,10 +1,10 @@
-"""How sums over mean potentials of charged triangles follow the corners: the derivative of a . W b.
+"""Derivatives of sums a . W b over mean potentials of charged triangles by the corners.
 
-W as in `fieldmap.kernels.iron.mutual_potential`, pair by pair by the same rule. Of a far pair the derivative is that of
-nine inverse distances. Of a close one it is closed form: with x a point of the outer rule, u the potential of the inner
-triangle there, f_k, m_k, h and Omega as in `fieldmap.kernels.iron.charged_triangle`, and N_k the function that is 1 at
-corner k and 0 at the others, a corner's movement within the plane changes u by what its two edges sweep over, and one
-along the normal n by a double layer,
+Pairs follow the rules of `fieldmap.kernels.iron.mutual_potential`. For a far pair, nine inverse distances are
+differentiated. For a close pair let x be a point of the outer rule, u the potential of the inner triangle there, f_k,
+m_k, h and Omega as in `fieldmap.kernels.iron.charged_triangle`, and N_k the function that is 1 at corner k and 0 at the
+others. A corner's movement within the plane changes u by the area that its two edges sweep over, a movement along the
+normal n by a double layer,
 
     du/dp_k = sum_e m_e int_e N_k / R dl + n (N_k(x) Omega - h grad N_k . sum_e f_e m_e),      du/dx = -e.
 """
@@ -60,9 +60,9 @@ def corner_gradient(x, y, z, p, n, area, field, by_corner):
 
 @inlined(fastmath=True)
 def _add_mean(share, points, weights, shapes, inner, by_outer, by_inner, field, by_corner):
-    """Add `share` times the derivative of the mean over points (q, 3) of an outer triangle, of shapes (q, 3) at them,
-    of the potential of an inner one with unit charge: by the outer and the inner triangle's corners (3, 3). inner: its
-    corners, normal and area."""
+    """Add `share` times the derivatives, by the corners (3, 3) of an outer and an inner triangle, of the mean over
+    points (q, 3) of the outer one of the inner one's potential at unit charge. shapes (q, 3): barycentric coordinates
+    of the points; inner: corners, normal and area."""
     p, n, area = inner
     total = 0.0
     for q in range(weights.size):
@@ -115,14 +115,14 @@ def _add_turned(share, matrix, by_corner, corners, places, out):
 def close_gradient(
     begin, end, faces, shapes, spheres, reach, nodes, first, moving, charge, others, places, matrices, parts
 ):
-    """Add to parts (t, p, k, 3), t from begin to end, whose sum over t it is, the derivative of others (k, n) . W
-    charge (n,) by p nodes: what the close pairs make of it of which a triangle is moving (n,).
+    """Add to parts (t, p, k, 3), t from begin to end, the derivatives of others (k, n) . W charge (n,) by p nodes, for
+    close pairs with a moving (n,) triangle. The result is the sum over t.
 
-    faces, spheres (4, n) and reach: as in `mutual_potential`; shapes: of the corners at the points of the outer rules,
-    (q, 3) for pairs apart and (t, 3) for those whose circles overlap; nodes (n, 3): numbers of the corners. The pairs
-    of one chamber stand for those that g operations with matrices (g, 3, 3) make of them: first (n,): the one among the
-    images of each triangle that lies there; places (g, p): images of the nodes; charge (g, n) and others (g, k, n):
-    those of each triangle's images.
+    faces, spheres (4, n) and reach: as in `mutual_potential`; shapes: barycentric coordinates of the points of the
+    outer rules, (q, 3) for pairs apart and (t, 3) for pairs whose circles overlap; nodes (n, 3): numbers of the
+    corners. Only pairs with a triangle in one chamber are computed; g operations with matrices (g, 3, 3) give the
+    others. first (n,): the image of each triangle that lies in the chamber; places (g, p): images of the nodes; charge
+    (g, n) and others (g, k, n): of each triangle's images.
     """
     n, shares, rows = nodes.shape[0], parts.shape[0], others.shape[1]
     by_one, by_other = np.empty((3, 3)), np.empty((3, 3))
@@ -134,7 +134,7 @@ def close_gradient(
                 continue
             row_beyond(i, spheres, spheres, reach, beyond)
             for j in range(n):
-                # A pair of two families is that of the later one; pairs within one are met from both ends.
+                # Pairs of two orbits are computed for the later orbit; pairs within one are met twice, at half weight.
                 if beyond[j] > 0.0 or first[j] > i or not (moving[i] or moving[j]):
                     continue
                 distance2, size = separation(i, j, faces, faces)

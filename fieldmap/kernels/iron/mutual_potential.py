@@ -23,7 +23,7 @@ def _mean_potential(points, weights, corners, normal):
 @inlined(fastmath=True)
 def inverse_distance(dx, dy, dz):
     """1/sqrt of a sum of squares: in single precision, which costs a fraction, and one step of Newton's method."""
-    # A triangle meets itself, or is its own image; its pair is near, the sum is not used.
+    # 1e-30: a triangle may meet itself, or be its own image. Such a pair is near, and the sum is not used.
     square = dx * dx + dy * dy + dz * dz + 1e-30
     guess = np.float64(np.float32(1.0) / np.sqrt(np.float32(square)))
     return guess * (1.5 - 0.5 * square * guess * guess)
@@ -49,8 +49,8 @@ def _far_row(i, far, other_far, sums):
 
 @inlined(fastmath=True)
 def row_beyond(i, one, other, reach, beyond):
-    """Fill beyond (m,) with what the squared distances of triangle i from the first m of the other set exceed those of
-    `reach` summed radii by; one, other (4, n): centres and radii."""
+    """Fill beyond (m,) with the squared distances of triangle i from the first m of the other set, less the square of
+    `reach` times the sum of both radii; one, other (4, n): centres and radii."""
     x, y, z, r = other[0], other[1], other[2], other[3]
     a, b, c, radius = one[0, i], one[1, i], one[2, i], one[3, i]
     for j in range(beyond.size):
@@ -104,8 +104,8 @@ def mutual_potential(begin, end, one, far, other, other_far, reach, symmetric, w
     one, other: corners (n, 3, 3), normals (n, 3), areas (n,), centres (n, 3), radii (n,): farthest corner from the
     centre; near (n, q, 3) and weights, touch (n, t, 3) and weights: points of higher rules for the outer integral of
     pairs whose inner integral is done in closed form. far, other_far: x, y and z (3, 3 n) of the points of the degree-2
-    rule, triangle by triangle, and those of the centres with the radii (4, n). Pairs closer than `reach` times the sum
-    of their radii are near; pairs whose circles overlap use the `touch` rule, whose outer integrand has a kink.
+    rule, triangle by triangle, and the centres with the radii (4, n). Pairs closer than `reach` times the sum of their
+    radii are near; pairs whose circles overlap use the `touch` rule, because their outer integrand has a kink.
     symmetric: only the lower triangle, which costs the same for every such pair of rows; `copy_lower` fills the rest.
     """
     n = one[2].size
@@ -120,7 +120,7 @@ def mutual_potential(begin, end, one, far, other, other_far, reach, symmetric, w
 
 @njit(nogil=True)
 def copy_lower(begin, end, w):
-    """Fill what is above the diagonal of w (n, n), in the rows from begin to end, with what is below it."""
+    """Copy the lower triangle of w (n, n) to the upper one, in the rows from begin to end."""
     for i in range(begin, end):
         for j in range(i + 1, w.shape[0]):
             w[i, j] = w[j, i]
@@ -140,8 +140,8 @@ def _far_pair(i, j, x, y, z):
 @njit(nogil=True, fastmath=True)
 def fill_near_blocks(begin, end, blocks, offset, number, faces, x, y, z, reach, data):
     """data[offset[k] + ...] = block k (rows, columns) of W in 1/m. blocks (b, 4): first and last + 1 of rows and
-    columns; number (n,): of the faces in the whole matrix, which then has the same entries; x, y, z (3, n): points of
-    the degree-2 rule; faces: a set of triangles as in `mutual_potential`, and reach."""
+    columns; number (n,): of the faces in the whole matrix, so that both have the same entries; x, y, z (3, n): points
+    of the degree-2 rule; faces: a set of triangles as in `mutual_potential`, and reach."""
     for k in range(begin, end):
         place = offset[k]
         for i in range(blocks[k, 0], blocks[k, 1]):

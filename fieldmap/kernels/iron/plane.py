@@ -20,7 +20,7 @@ _POINTS = 4
 
 @njit
 def _log(d: complex, turn: complex) -> complex:
-    """log d, its branch cut opposite to conj(turn); 0 at 0, where only products with d are wanted."""
+    """log d, its branch cut opposite to conj(turn); 0 at 0, where only products with d are used."""
     if d == 0:
         return 0j
     return np.log(d * turn)
@@ -28,7 +28,7 @@ def _log(d: complex, turn: complex) -> complex:
 
 @njit
 def _near(p1: complex, p2: complex, q1: complex, q2: complex) -> tuple[float, float, float]:
-    """Both integrals in closed form: (log, hat at q1, hat at q2), docs/theory/planar.md (10)-(12)."""
+    """Integrals over both segments in closed form: (log, hat at q1, hat at q2), docs/theory/planar.md (10)-(12)."""
     length_p, length_q = abs(p2 - p1), abs(q2 - q1)
     e, f = (p2 - p1) / length_p, (q2 - q1) / length_q
     centre = p1 + p2 - q1 - q2
@@ -37,7 +37,7 @@ def _near(p1: complex, p2: complex, q1: complex, q2: complex) -> tuple[float, fl
     turn = centre.conjugate() / abs(centre)
     d11, d12, d21, d22 = p1 - q1, p1 - q2, p2 - q1, p2 - q2
     log11, log12, log21, log22 = _log(d11, turn), _log(d12, turn), _log(d21, turn), _log(d22, turn)
-    # The antiderivative of log d is d (log d - 1), and that of it d^2 (log(d)/2 - 3/4).
+    # The antiderivatives of log d are d (log d - 1) and, once more, d^2 (log(d)/2 - 3/4).
     double = d21 * d21 * (0.5 * log21 - 0.75) - d22 * d22 * (0.5 * log22 - 0.75)
     double += d12 * d12 * (0.5 * log12 - 0.75)
     double -= d11 * d11 * (0.5 * log11 - 0.75)
@@ -50,7 +50,7 @@ def _near(p1: complex, p2: complex, q1: complex, q2: complex) -> tuple[float, fl
 
 @njit
 def _distant(p1: complex, p2: complex, q1: complex, q2: complex) -> tuple[float, float, float]:
-    """The same with Gauss points along p."""
+    """As `_near`, with Gauss points along p."""
     length_p, length_q = abs(p2 - p1), abs(q2 - q1)
     f = (q2 - q1) / length_q
     start = gauss_start(_POINTS)
@@ -77,7 +77,7 @@ def mutual_segments(p1: Complex, p2: Complex, q1: Complex, q2: Complex) -> tuple
     """Potentials of segments q (m,) averaged over segments p (n,); two may touch or be the same, but not cross.
 
     Returns (n, m) arrays, for G = -log(r)/(2 pi): integral of G over both; of dG/dn over p and over q with the hat
-    function of q1, and with that of q2. The normal n = -i e is that to the right of q.
+    function of q1, and with that of q2. The normal n = -i e points to the right of q.
     """
     n, m = len(p1), len(q1)
     single, first, last = np.empty((n, m)), np.empty((n, m)), np.empty((n, m))

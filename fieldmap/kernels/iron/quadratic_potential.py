@@ -1,4 +1,4 @@
-"""Element loops of the second-order potential form: gradients on ten-node tetrahedra, and what is tested with them.
+"""Element loops of the second-order potential form: gradients on ten-node tetrahedra, and integrals tested with them.
 
 Nodes of an element: four corners, then the midpoints of the edges (0,1), (0,2), (0,3), (1,2), (1,3), (2,3). With
 barycentric coordinates l and their gradients g (4, 3), the shape functions have the gradients (4 l_i - 1) g_i and

@@ -95,7 +95,7 @@ def join_supernodes(start, parent, size, widths, shares):
     in their columns stays below shares[k] for joined widths up to widths[k].
 
     start (m + 1,), parent (m,) and size (m,), the numbers of rows. Returns the first columns (m,), the numbers of rows
-    (m,), and which supernode each has become part of (m,).
+    (m,), and the supernode that each is now a part of (m,).
     """
     nodes = parent.size
     begin, end, size = start[:-1].copy(), start[1:], size.copy()
@@ -199,8 +199,8 @@ def _subtract_rows(front, size, to, begin):
 
 @inlined(nogil=True)
 def _eliminate(front, size, width):
-    """Replace the first `width` rows of the symmetric front (size, size), of which the upper triangle counts, by those
-    of its factor L^T, and the rest by what is left to the parent. False if a pivot is not positive."""
+    """Replace the first `width` rows of the symmetric front (size, size), given by its upper triangle, by rows of its
+    factor L^T, and the rest by the contribution to the parent. False if a pivot is not positive."""
     for begin in range(0, width, _UNROLLED):
         end = min(begin + _UNROLLED, width)
         for j in range(begin, end):
@@ -225,11 +225,11 @@ def _eliminate(front, size, width):
 
 @njit(nogil=True)
 def factorise(values, entry_start, place, start, row_start, parent, relative, panel_start, panels, work):
-    """Fill `panels` with the columns of the factor: those of supernode s as (rows, columns) from panel_start[s] on.
+    """Fill `panels` with the columns of the factor: for supernode s as (rows, columns) from panel_start[s] on.
 
-    values: the entries of the lower triangle, those of supernode s from entry_start[s] to entry_start[s + 1], each at
-    place[...] of the front's array. work: scratch for contributions that wait for their parent. Returns the number of
-    the first column whose pivot is not positive, or -1.
+    values: entries of the lower triangle, of supernode s from entry_start[s] to entry_start[s + 1], each with its place
+    in the front's array. work: scratch for contributions that wait for their parent. Returns the number of the first
+    column whose pivot is not positive, or -1.
     """
     nodes = start.size - 1
     top, largest = 0, 0

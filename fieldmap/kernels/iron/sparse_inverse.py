@@ -1,13 +1,13 @@
 """A sparse factor of the inverse of the matrix of mutual potentials: W^-1 is about G^T G.
 
-Row i of G has entries for face i and its nearest faces among those before it in an order from coarse to fine. They
-are the ones with which G W G^T comes closest to the unit matrix (Schaefer, Katzfuss, Owhadi, SIAM J. Sci. Comput. 43
-(2021) A2019, eq. (3)):
+Row i of G has entries for face i and its nearest faces among those before it in an order from coarse to fine. With
+these entries G W G^T comes closest to the unit matrix (Schaefer, Katzfuss, Owhadi, SIAM J. Sci. Comput. 43 (2021)
+A2019, eq. (3)):
 
     g_i = W_ss^-1 e_i / sqrt(e_i^T W_ss^-1 e_i),     s: the faces of the row.
 
-The charges of the coarse faces near by screen a fine one from all that is further away; and G^T G is positive
-definite whatever the rows leave out.
+Charges on the coarse faces near by screen a fine face from all that is further away. G^T G is positive definite for any
+choice of the entries.
 """
 
 import math
@@ -49,9 +49,9 @@ def farthest_first(x, y, z):
 
 @njit
 def solve_for_last(matrix, count):
-    """Fill row `count` of the lower triangle's array, matrix (>= count + 1, count), with W^-1 e / sqrt(e W^-1 e) for
-    the last unit vector e. The lower triangle of the first `count` rows is overwritten by its Cholesky factor L: since
-    L^-1 e has one entry only, L^-T does it all."""
+    """Fill row `count` of matrix (>= count + 1, count) with W^-1 e / sqrt(e W^-1 e) for the last unit vector e. The
+    rows before it hold the lower triangle of W, which is overwritten by its Cholesky factor L. L^-1 e has one entry
+    only, so that only L^-T is applied."""
     for j in range(count):
         for k in range(j):
             factor = matrix[j, k]

@@ -5,7 +5,7 @@ BLAS reads the whole matrix for several columns, or half of it for each, and its
 
 from fieldmap.kernels.compilation import inlined, njit
 
-# Rows whose sums are carried at the same time.
+# Rows that are summed in one pass over the columns.
 _ROWS = 4
 
 
@@ -26,7 +26,7 @@ def _beyond(a, b, c, d, x, y, own):
 
 @njit(nogil=True)
 def symmetric_product(matrix, right, out):
-    """Fill out (c, n) with matrix (n, n) times the rows of right (c, n); of the matrix the upper triangle counts."""
+    """Fill out (c, n) with matrix (n, n) times the rows of right (c, n); only the matrix's upper triangle is read."""
     n, columns = right.shape[1], right.shape[0]
     out[:] = 0
     for first in range(0, n, _ROWS):

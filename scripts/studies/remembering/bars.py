@@ -1,4 +1,4 @@
-"""How uncertain the predictions are: the three numbers that were fitted to Table 6-4, propagated linearly."""
+"""Uncertainty of the predictions, by linear propagation from the three numbers that were fitted to Table 6-4."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -13,32 +13,32 @@ from .places import branch, gain, gain_of_lift
 from .unit import Unit, unit
 
 FITTED = {"joint, mm": (0.105, 0.137), "coercive field, A/m": (367.0, 477.0), "h, mm": (9.87, 13.97)}
-"""Value of the device, and the value to which derivatives are taken: about a standard deviation of the fit away."""
+"""Value of the device, and a value about one standard deviation of the fit away, for difference quotients."""
 DEVIATION, PRIOR_OF_H, MISFIT = 0.5, 4.3, 0.53
-"""Of a reading, and of h before the fit, and what the fit left of Table 6-4, mm: scripts/studies/joint_study.py."""
+"""Standard deviation of a reading, of h before the fit, and misfit in Table 6-4, mm: scripts/studies/joint_study.py."""
 
 
 @dataclass(frozen=True)
 class Covariance:
-    """Of the fitted numbers, (3, 3); misfit in Table 6-4 on the mesh of the map, which is not that of the fit, mm."""
+    """Covariance (3, 3) of the fitted numbers; misfit in Table 6-4, mm, on the map's mesh, not the mesh of the fit."""
 
     matrix: Array
     misfit: float
 
     @property
     def deviations(self) -> Array:
-        """(3,)."""
+        """Standard deviations (3,)."""
         return np.sqrt(np.diag(self.matrix))
 
     @property
     def correlation(self) -> Array:
-        """(3, 3)."""
+        """Correlation matrix (3, 3)."""
         return self.matrix / np.outer(self.deviations, self.deviations)
 
 
 def units(path: str, joint_path: str) -> dict[str, Unit]:
-    """As fitted, and with each of the numbers changed. A changed force gets its own factor, as the lift at 10 mm is
-    what the factor is for."""
+    """Units as fitted, and with each of the numbers changed. Each unit has its own force factor, which is defined by
+    the lift at 10 mm."""
     coercive, h = (FITTED[name][1] for name in ("coercive field, A/m", "h, mm"))
     return {
         "as fitted": unit(path),
@@ -49,15 +49,15 @@ def units(path: str, joint_path: str) -> dict[str, Unit]:
 
 
 def derivatives(numbers: Mapping[str, Array]) -> Array:
-    """(..., 3), from the numbers of all units."""
+    """Derivatives (..., 3) by the fitted numbers, from the results of all units."""
     steps = {name: after - before for name, (before, after) in FITTED.items()}
-    # A run that does not settle has an infinite settling time, and no slope.
+    # The settling time of a run that does not settle is infinite, and its derivative NaN.
     with np.errstate(invalid="ignore"):
         return np.stack([(numbers[name] - numbers["as fitted"]) / steps[name] for name in FITTED], axis=-1)
 
 
 def covariance(each: Mapping[str, Unit]) -> Covariance:
-    """Of the fit, with derivatives on the map: from the readings and from what was known of h before."""
+    """Covariance of the fit with derivatives on the map, from the readings and the prior of h."""
     places = {name: branch(one, "x", "positive")[1:] for name, one in each.items()}
     out, back = (
         np.asarray(shared_value(f"table_6_4.{what}"), dtype=float) for what in ("outward_mm", "back_mm")
@@ -86,7 +86,7 @@ GAINS: dict[str, Callable[[Unit], float]] = {
 
 
 def gains(each: Mapping[str, Unit]) -> dict[str, dict[str, Array]]:
-    """Of GAINS, by unit."""
+    """The values of GAINS, by unit."""
     return {words: {name: np.array(of(one)) for name, one in each.items()} for words, of in GAINS.items()}
 
 

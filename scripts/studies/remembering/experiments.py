@@ -20,7 +20,7 @@ RUNS = 4
 
 @dataclass(frozen=True)
 class Step:
-    """Of a table of the thesis: a scenario, its changes, the axis of the step, and what the rig did (NaN: not told)."""
+    """A step in a table of the thesis: scenario, changes, axis, and values of the rig (NaN: not stated)."""
 
     name: str
     scenario: str
@@ -43,7 +43,7 @@ STEPS = (
 
 
 def step_figures(unit: Unit, step: Step) -> Array:
-    """FIGURES of runs with other noise (RUNS, 5)."""
+    """FIGURES (RUNS, 5) of runs with different noise."""
     rows = []
     for seed in range(RUNS):
         run = step_run(unit, step, seed)
@@ -57,20 +57,20 @@ def step_run(unit: Unit, step: Step, seed: int = 0) -> Readings:
     return run_of(given, step.scenario, {**step.changes, "noise.seed": seed})
 
 
-# 6.5: from 0 to 1 mm, to -1 mm and back to 0, in steps of 0.1 mm: when, by how much, how many.
+# 6.5: from 0 to 1 mm, to -1 mm and back to 0, in steps of 0.1 mm: begin, s, step, mm, and number of steps.
 ROUND = ((2.0, 0.1, 10), (17.0, -0.1, 20), (47.0, 0.1, 10))
 EVERY_S, END_S = 1.5, 62.0
 ASKED = {0: 0.0, 1: 0.1, 9: 0.9, 10: 1.0, 11: 0.9, 19: 0.1, 20: 0.0, 29: -0.9, 30: -1.0, 31: -0.9, 40: 0.0}
-"""After so many steps, mm."""
+"""Number of steps -> reference, mm."""
 RESTS = {
     "x": {0: -0.01, 9: 0.792, 10: 0.882, 11: 0.809, 20: 0.03, 29: -0.778, 30: -0.870, 31: -0.778},
     "y": {1: 0.0618, 19: 0.008},
 }
-"""Of the rig."""
+"""Number of steps -> rest position of the rig, mm, by axis."""
 
 
 def rests(unit: Unit, axis: str) -> list[float]:
-    """Under PD control of an axis where ASKED was asked for: means of the last 0.7 s, mm."""
+    """Rest positions under PD control of an axis at the references ASKED: means of the last 0.7 s, mm."""
     keys, pid = (
         ("at_s", "by_mm", "times"),
         {"kind": "pid", "Kc": 1.0, "Td_s": 6e-5, "lower": -0.4, "upper": 0.4},
@@ -94,12 +94,12 @@ def poles(unit: Unit) -> tuple[Array, Array, Array]:
 
 
 def integral_times(unit: Unit) -> list[float]:
-    """With which the thesis's first-order model answers as the unit does, s: Figs 6-20, 6-24, 6-25."""
+    """Integral times, s, with which the thesis's first-order model responds as the unit does: Figs 6-20, 6-24, 6-25."""
     return fitted_times(unit.inputs("S17_records"))[2]
 
 
 def rows(unit: Unit, part: str) -> Iterator[tuple[str, float, float]]:
-    """What a part of `fieldmap thesis` compares, the thesis's numbers, and this unit's."""
+    """Quantities of a part of `fieldmap thesis`, the thesis's numbers, and the numbers of this unit."""
     printed = read_part(part)
     answers = function_of(part)(unit.inputs(part))
     for one in compared(part, printed, answers):

@@ -1,4 +1,4 @@
-"""Where the magnet rests and how much it is pulled while the currents go their ways: gains and branches."""
+"""Rest positions of the magnet and lift along paths of the currents: gains and branches."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -18,7 +18,7 @@ from .unit import Unit, begun, pull
 REFINEMENT = 0.4
 BRANCHES: tuple[tuple[Axis, str], ...] = tuple((a, s) for a in AXES for s in ("positive", "negative"))
 """Tables 6-4 to 6-7."""
-# Squared relative step of differences. The model of the iron is solved to 5e-7: shorter steps would show that.
+# Squared relative step of differences. Shorter steps would show the tolerance of the iron model, 5e-7.
 _STEP = 1e-10
 
 
@@ -51,7 +51,7 @@ def _stepped(memory: FieldMap, currents: Array) -> FieldMap:
 
 
 def _rest(field: FieldMap, currents: Array, height: float, near: Array) -> Array:
-    """Where an upright magnet is not pulled aside (2,), m."""
+    """Position (2,), m, at which an upright magnet has no lateral force."""
 
     def aside(place: Array) -> Array:
         return pull(field, np.array([*place, height]), currents)[:2]
@@ -60,13 +60,13 @@ def _rest(field: FieldMap, currents: Array, height: float, near: Array) -> Array
 
 
 def there_and_back(axis: Axis, side: str) -> Array:
-    """Signals of a table."""
+    """Signals of a table, out and back."""
     signals = read_part(f"S14_{axis}_branches").inputs[f"{side}_signals"]
     return np.concatenate([signals, signals[-2::-1]])
 
 
 def branch(unit: Unit, axis: Axis, side: str) -> Array:
-    """Places of a table, mm from the first."""
+    """Positions at the signals of a table, mm, relative to the first."""
     protocol = replace(unit.protocol, axis=axis)
     along = np.array(list(_walked(unit.field, there_and_back(axis, side), protocol)))[:, "xy".index(axis)]
     return 1e3 * (along - along[0])
@@ -79,14 +79,14 @@ def way_out(unit: Unit, axis: Axis, signal: float) -> float:
 
 
 def branch_of_solver(unit: Unit, solver: HysteresisSolver, axis: Axis, side: str) -> Array:
-    """The same by the full solver."""
+    """Positions at the signals of a table by the full solver, mm, relative to the first."""
     protocol = replace(unit.protocol, axis=axis)
     memory = prepared(solver, "shaken", protocol, 0.4)
     return 1e3 * walk(solver, memory, there_and_back(axis, side), protocol).shift(axis)
 
 
 def _walked(opened: FieldMap, signals: Array, protocol: Protocol) -> Iterator[Array]:
-    """Places (2,) at signals, the level such that the lift stays that at the first."""
+    """Positions (2,), m, at signals, with the level adjusted to keep the lift at the first signal."""
     memory, known, lift = begun(opened, protocol), np.array([0.0, 0.0, protocol.level]), np.nan
     for signal in signals:
         known = fsolve(_left, known, (memory, float(signal), protocol, lift), xtol=1e-7, epsfcn=_STEP)
@@ -98,7 +98,7 @@ def _walked(opened: FieldMap, signals: Array, protocol: Protocol) -> Iterator[Ar
 
 
 def _left(unknowns: Array, memory: FieldMap, signal: float, protocol: Protocol, lift: float) -> Array:
-    """Pull aside, and what the lift is off, or the level from that of the protocol where no lift is known."""
+    """Residual: lateral force, and deviation of the lift, or of the level from the protocol's if no lift is known."""
     currents = divided(unknowns[2], signal, protocol.axis, protocol.n)
     force = pull(memory, np.array([*unknowns[:2], protocol.height]), currents)
     return np.array([*force[:2], unknowns[2] - protocol.level if np.isnan(lift) else force[2] - lift])

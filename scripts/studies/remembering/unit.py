@@ -1,4 +1,4 @@
-"""The jointed unit: its map, the factor on its force, and how the shipped scenarios run on it."""
+"""The jointed unit: its map, the factor of its force, and runs of the shipped scenarios on it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -18,16 +18,16 @@ from fieldmap.typing import Array
 
 DEVICE, H = "drive_unit_joints", "payload.magnet_offset_mm"
 DEVIATION_MM = np.array([0.00542, 0.00838, 0.0104])
-"""Of the sensors: Table 3-8."""
+"""Standard deviations of the sensors: Table 3-8."""
 SCENARIO_H_MM = 15.0
-"""With which the faces of the blocks in the scenarios were found."""
+"""Value of h for which the faces of the blocks in the scenarios were chosen."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Unit(Record):
-    """The unit with everything that the thesis leaves open and the study varies.
+    """The unit with the choices that the thesis leaves open and the study varies.
 
-    derivative: of the "error" or the "measurement", in all PID controllers. noise: share of that of Table 3-8.
+    derivative: of the "error" or the "measurement", in all PID controllers. noise: factor of the noise of Table 3-8.
     """
 
     field: FieldMap
@@ -37,13 +37,13 @@ class Unit(Record):
 
     @property
     def protocol(self) -> Protocol:
-        """10 mm deep, the currents of (7-18)."""
+        """Protocol for 10 mm depth and the currents of (7-18)."""
         assert self.device.payload is not None
         return Protocol("x", h=1e3 * self.device.payload.magnet_offset)
 
     @property
     def scale(self) -> float:
-        """Of the force: with it the unit carries the body at 10 mm with the current of (7-18)."""
+        """Factor of the force with which the current of (7-18) carries the body at 10 mm."""
         payload, protocol = self.device.payload, self.protocol
         assert payload is not None
         field, currents = begun(self.field, protocol), np.full(6, protocol.level)
@@ -51,7 +51,7 @@ class Unit(Record):
         return payload.mass * GRAVITY / (payload.moment * lift)
 
     def simulate(self, scenario: str, changes: Mapping[str, Any], *, field_map: FieldMap) -> ScenarioRun:
-        """A shipped scenario; its block is as far below the body as it is in the file."""
+        """Run a shipped scenario, with its block at the same distance below the body as in the file."""
         contents, given = read_scenario(scenario, changes).contents, dict(changes)
         given |= {"field.scale": self.scale, "sensors.deviation_mm": (self.noise * DEVIATION_MM).tolist()}
         for axis in "xyz":
@@ -63,12 +63,12 @@ class Unit(Record):
         return simulate(scenario, given, field_map=field_map, device=self.device)
 
     def inputs(self, part: str) -> dict[str, Any]:
-        """Of a part of the comparison with the thesis, on this unit."""
+        """Inputs of a part of the comparison with the thesis, for this unit."""
         return {**read_part(part).inputs, "map": self.field, "simulate": self.simulate}
 
 
 def unit(path: str, coercive: float = 1.0, h_mm: float | None = None) -> Unit:
-    """With another coercive field (a factor; 0: no memory) or depth of the magnet than its map and its device have."""
+    """The unit on a map, with its coercive field multiplied by a factor (0: no memory), and another h if given."""
     data = read_map(path)
     model = data.reduced_model
     assert model is not None
@@ -80,7 +80,7 @@ def unit(path: str, coercive: float = 1.0, h_mm: float | None = None) -> Unit:
 
 
 def begun(field: FieldMap, protocol: Protocol) -> FieldMap:
-    """After the history "shaken", if it remembers."""
+    """The field after the history "shaken", if it has memory."""
     return field.memory("shaken", protocol.level) if field.remembers else field
 
 

@@ -1,1 +1,1 @@
-"""Hostile input: files and arguments with mistakes made at random, and what readers make of them."""
+"""Hostile input: files and arguments with random mistakes, and the outcomes of reading them."""

@@ -1,4 +1,4 @@
-"""What one mutation is, and what it may cost."""
+"""Mutations, kinds of input, and their limits of time and memory."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ Generator = np.random.Generator
 class Case:
     """One mutation, written and ready to be read.
 
-    change: what was done, in words. read: what a program does with it. fault: what is wrong with what `read` gave, ""
-    for nothing. command: the same by the command line, where there is one.
+    change: description of the mutation. read: reads it, as a program does. fault: describes errors in the result of
+    `read`, "" for none. command: words of the command line that reads it, if there is one.
     """
 
     change: str
@@ -28,11 +28,10 @@ class Case:
 class Kind:
     """A kind of input.
 
-    prepare(folder): makes what is needed once, reads the sound original and returns the maker of cases,
-    make(rng, number). seconds: processor time that no mutation may exceed. megabytes: memory that none may ask for,
-    beyond what reading the original takes. through_command: every how many cases the command line is tried as well,
-    0 for never. names_files: whether such a file may name others, which then are read. starts_processes: whether
-    its reader tries it in a process of its own.
+    prepare(folder): makes all files once, reads the valid original and returns the maker of cases, make(rng, number).
+    seconds: largest processor time of a mutation. megabytes: largest memory of a mutation beyond that of the original.
+    through_command: the command line also reads every `through_command`-th case, 0 for never. names_files: whether such
+    a file may name other files, which are then read. starts_processes: whether its reader uses a process of its own.
     """
 
     name: str
@@ -45,12 +44,12 @@ class Kind:
 
 
 def no_fault(answer: Any) -> str:
-    """For what has no answer to compare."""
+    """`fault` of a kind without a result to compare."""
     return ""
 
 
 def not_finite(value: Any, where: str = "", depth: int = 0) -> str:
-    """The place of the first number in a nest of data classes, mappings, arrays and lists that is NaN or infinite."""
+    """Place of the first NaN or infinity in nested data classes, mappings, arrays and lists; "" if there is none."""
     if depth > 12 or isinstance(value, str | bytes | bool | Path) or value is None:
         return ""
     if isinstance(value, int | float | np.generic | np.ndarray):

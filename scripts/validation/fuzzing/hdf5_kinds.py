@@ -1,4 +1,4 @@
-"""Files of HDF5: maps, and recorded runs. Damage of bytes, and contents made with intent to harm."""
+"""HDF5 files: maps and recorded runs, with damaged bytes or malicious contents."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -31,7 +31,7 @@ def object_reference(file: h5py.File, path: str, rng: Generator) -> None:
 
 
 def unknown_filter(file: h5py.File, path: str, rng: Generator) -> None:
-    """Numbers packed by a program that nobody has, which HDF5 would look for among the system's plug-ins."""
+    """Numbers with an unknown filter, which HDF5 would search among the system's plug-ins."""
     properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     properties.set_chunk((3, 3, 3))
     properties.set_filter(int(rng.choice([305, 32001, 32015, 65000])), h5py.h5z.FLAG_OPTIONAL, (1, 2))
@@ -42,7 +42,7 @@ def unknown_filter(file: h5py.File, path: str, rng: Generator) -> None:
 
 
 def named_type(file: h5py.File, path: str, rng: Generator) -> None:
-    """A type in the place of numbers."""
+    """A named type instead of numbers."""
     if path in file:
         del file[path]
     file[path] = np.dtype("f8")
@@ -76,7 +76,7 @@ def _forged(
         try:
             change(file, place, rng)
         except (KeyError, TypeError, AttributeError, ValueError):
-            # A change that this place cannot take; the file is sound then.
+            # This place cannot take the change, and the file stays valid.
             return f"nothing by {change.__name__} at {place}"
     seal_map(path)
     return f"{change.__name__} at {place}"
@@ -100,8 +100,8 @@ def _mutated(
 
 
 def maps(folder: Path) -> Callable[[Generator, int], Case]:
-    """Small maps, read whole; and the shipped one, opened and looked up. Whoever makes a new seal and new checksums may
-    give a map other numbers: of these only the small ones' are compared, whose changes are known to leave them."""
+    """Small maps, read completely, and the shipped map, opened and looked up. A change under a new seal may alter the
+    numbers, so only small maps are compared, whose changes are known to keep them."""
     path, kinds = folder / "input.h5", []
     for constant, places in ((False, PLACES), (True, PLACES + PLACES_OF_CONSTANT)):
         good, truth = write_map(path, small_map(constant)).read_bytes(), read_map(path)
@@ -129,7 +129,7 @@ def maps(folder: Path) -> Callable[[Generator, int], Case]:
 
         def read() -> Any:
             found = read_map(path)
-            # Who accepts the numbers says what it thinks of them; numbers made at random are no field.
+            # The check may refuse random numbers, which are no field.
             with suppress(MapFileError):
                 check_map(path)
             return found
@@ -159,7 +159,7 @@ def runs(folder: Path) -> Callable[[Generator, int], Case]:
     truth = shown_run(path)
 
     def make(rng: Generator, number: int) -> Case:
-        # Not damaged under a forged seal: HDF5 itself may then read for ever.
+        # Bytes are not damaged under a forged seal, because HDF5 itself may then never end.
         change = _mutated(good, path, places, changes, rng, number if number % 3 != 1 else 2)
         kept = "sealed" not in change and " at " not in change
         return Case(change, partial(shown_run, path), partial(_fault_of_run, truth=truth, kept=kept))
@@ -168,13 +168,13 @@ def runs(folder: Path) -> Callable[[Generator, int], Case]:
 
 
 def _attribute(file: h5py.File, path: str, rng: Generator) -> None:
-    """Any value for an attribute, or none of it."""
+    """Replace or remove an attribute."""
     place = str(rng.choice(["/", "/run_0000", "/run_0000/time"]))
     spoil_attribute(file, place, rng, "[1]", "null")
 
 
 def _text(file: h5py.File, path: str, rng: Generator) -> None:
-    """Another scenario or device, that names files, is none, or nests without end."""
+    """Replace the scenario or device by a text that names files, is invalid, or nests deeply."""
     texts = (
         *(
             "",

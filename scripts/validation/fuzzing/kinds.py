@@ -1,4 +1,4 @@
-"""Every kind of input that is tried."""
+"""All kinds of input for fuzzing."""
 
 from validation.fuzzing import hdf5_kinds, python_kind, solid_kinds, table_kinds, toml_kinds, unit_kind
 from validation.fuzzing.case import Kind

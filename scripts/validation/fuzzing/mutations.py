@@ -1,4 +1,4 @@
-"""Three sorts of mistakes: in bytes and characters, in the structure, and in what a file says of other files."""
+"""Three sorts of mistakes: in bytes and characters, in the structure, and in references to other files."""
 
 import copy
 import os
@@ -27,7 +27,7 @@ ALPHABET = (
 
 
 def bytes_of(raw: bytes, rng: Generator) -> tuple[str, bytes]:
-    """Damage that disks, copies and transfers do: what was done, and the bytes."""
+    """Damage as by disks, copies and transfers. Returns a description and the bytes."""
     change = BYTES[int(rng.integers(len(BYTES)))]
     if len(raw) < 1100:
         change = BYTES[int(rng.integers(4))]
@@ -37,7 +37,7 @@ def bytes_of(raw: bytes, rng: Generator) -> tuple[str, bytes]:
 
 
 def characters(text: str, rng: Generator) -> tuple[str, str]:
-    """One to three slips of a keyboard or an editor: what was done, and the text."""
+    """One to three typing errors. Returns a description and the text."""
     done = []
     for _ in range(int(rng.integers(1, 4))):
         at = int(rng.integers(0, len(text) + 1))
@@ -117,7 +117,7 @@ def _one_mistake(table: Any, key: Any, rng: Generator) -> str:
 
 
 def strange_places(folder: Path) -> tuple[str, ...]:
-    """Paths that a file may name and should not: missing, folders, devices, pipes, loops, secrets, and no paths."""
+    """Paths that a file might name but should not: missing files, folders, devices, pipes, loops, secrets, no paths."""
     pipe, loop, secret = folder / "pipe", folder / "loop", decoys(folder) / "secret.toml"
     if hasattr(os, "mkfifo") and not pipe.exists():
         os.mkfifo(pipe)
@@ -162,7 +162,7 @@ def strange_places(folder: Path) -> tuple[str, ...]:
 
 
 def decoys(folder: Path) -> Path:
-    """A folder beside the inputs with files that nothing has to read."""
+    """Make a folder next to the inputs with files that nothing may read."""
     there = folder / "decoys"
     if not there.exists():
         there.mkdir()
@@ -172,7 +172,7 @@ def decoys(folder: Path) -> Path:
 
 
 def other_files(data: Any, rng: Generator, paths: tuple[str, ...], keys: tuple[str, ...]) -> tuple[str, Any]:
-    """The data with a strange path where it names a file, or at any text."""
+    """The data with a strange path instead of the name of a file or of any text."""
     data = copy.deepcopy(data)
     texts = [(table, key) for table, key in places(data) if isinstance(table[key], str)]
     named = [place for place in texts if place[1] in keys]
@@ -188,5 +188,5 @@ Way = Callable[[Generator], tuple[str, bytes]]
 
 
 def any_way(ways: tuple[Way, ...], rng: Generator, number: int) -> tuple[str, bytes]:
-    """The ways in turn: what was done, and the bytes to write."""
+    """Use the ways in turn. Returns a description and the bytes to write."""
     return ways[number % len(ways)](rng)

@@ -1,9 +1,9 @@
-"""Read mutations of one kind, one after the other: a program of its own, because it may crash.
+"""Read mutations of one kind, one after the other. A separate program, because it may crash.
 
     python program.py KIND FIRST COUNT SEED
 
-Prints a line of JSON for each mutation: its number and what was done, before it is read; then the result, processor
-seconds and megabytes. `fuzzing.table` starts it, and starts it again behind a mutation that ended it.
+Prints lines of JSON for each mutation: its number and description before reading, then the result, processor seconds
+and megabytes. `fuzzing.table` starts this program, and starts it again after a mutation that ended it.
 """
 
 import contextlib
@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
-# Files of other people's HDF5 lie on any file system; threads would count as processor time.
+# HDF5 fails on file systems without file locks.
 os.environ.setdefault("HDF5_USE_FILE_LOCKING", "FALSE")
 
 import numpy as np
@@ -43,10 +43,10 @@ class Late(BaseException):
 
 
 def outcome(case: Case, kind: Kind, by_command: bool) -> tuple[str, str]:
-    """read, refused, or what must not be; and why."""
+    """ "read", "refused", or the name of a failure; and the reason."""
     try:
         with warnings.catch_warnings():
-            # A number that overflowed on the way is no number to go on with; who reads a file expects no such line.
+            # numpy's warnings of overflow and invalid numbers count as failures.
             warnings.simplefilter("error", RuntimeWarning)
             warnings.simplefilter("ignore", FutureWarning)
             answer = case.read()
@@ -62,7 +62,7 @@ def outcome(case: Case, kind: Kind, by_command: bool) -> tuple[str, str]:
 
 
 def faults_of_messages(error: InputError) -> str:
-    """What a refusal lacks: all four things, in a length that a person reads, and the exit code of bad input."""
+    """Fault of a refusal without all four parts of a message, with a text that is too long, or another exit code."""
     if error.exit_code != 2 or not error.problems:
         return f"exit code {error.exit_code}, {len(error.problems)} problems"
     for problem in error.problems:
@@ -74,7 +74,7 @@ def faults_of_messages(error: InputError) -> str:
 
 
 def _fault_of_command(words: tuple[str, ...], refused: bool) -> str:
-    """The command line says the same: exit code 2 where the library refused, 0 or the code of a failure elsewhere."""
+    """Fault of the command line: it must end with 2 if the library refused the input, and with 0 or 2 otherwise."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         code = command(list(words))
@@ -86,14 +86,14 @@ def _fault_of_command(words: tuple[str, ...], refused: bool) -> str:
 
 
 def _where(error: BaseException) -> str:
-    """The error and the last line of ours in its traceback."""
+    """The error and the last line of fieldmap in its traceback."""
     ours = [f for f in traceback.extract_tb(error.__traceback__) if "fieldmap" in Path(f.filename).parts]
     place = f" at {Path(ours[-1].filename).name}:{ours[-1].lineno}" if ours else ""
     return f"{type(error).__name__}: {str(error)[:150]}{place}"
 
 
 def run(kind: Kind, first: int, count: int, seed: int) -> None:
-    """The cases from `first` to `count`."""
+    """Run the cases from `first` to `count`."""
 
     def late(*_: Any) -> None:
         raise Late
@@ -101,17 +101,17 @@ def run(kind: Kind, first: int, count: int, seed: int) -> None:
     def say(**what: Any) -> None:
         print(json.dumps(what), file=to, flush=True)
 
-    # Libraries in C print to the standard output of the process.
+    # Libraries in C print to the standard output of the process, which is redirected; results use a copy of it.
     to = os.fdopen(os.dup(1), "w")
     quiet = os.open(os.devnull, os.O_WRONLY)
     os.dup2(quiet, 1)
     signal.signal(signal.SIGALRM, late)
-    # A crash says where it was, and so does a process that `fuzzing.table` ends because it says nothing.
+    # A crash prints its traceback, and so does a process that `fuzzing.table` ends because it hangs.
     faulthandler.enable()
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         tempfile.tempdir = place
-        # What a file leads to is looked for beside it, too.
+        # Relative names of other files are then found in the same folder.
         os.chdir(folder)
         sys.stdin = open(os.devnull)  # noqa: SIM115 - as long as the process
         make = kind.prepare(folder)
@@ -144,13 +144,13 @@ def run(kind: Kind, first: int, count: int, seed: int) -> None:
                 result, why = "slow", f"{seconds:.1f} s, bound {kind.seconds:g}"
             elif asked > kind.megabytes and result in ("read", "refused") and not by_command:
                 result, why = "memory", f"{asked:.0f} MB, bound {kind.megabytes:g}"
-            # What the program itself takes, with all that it imports first, is not the reader's.
+            # The cost of the command line includes its imports and does not count for the reader.
             cost = (0.0, 0.0) if by_command else (seconds, asked)
             say(number=number, result=result, why=why, seconds=cost[0], megabytes=cost[1])
 
 
 def _named(name: str) -> Kind:
-    """A kind of the list, or MODULE:NAME."""
+    """A kind of the list, or the object MODULE:NAME."""
     module, sign, attribute = name.partition(":")
     return getattr(import_module(module), attribute) if sign else KINDS[name]
 

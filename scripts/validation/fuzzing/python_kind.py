@@ -14,7 +14,7 @@ from validation.fuzzing.mutations import strange_places
 
 
 class Strange:
-    """An object that is nothing of ours, and says so in its own way."""
+    """An object of a foreign class with unusual methods."""
 
     def __len__(self) -> int:
         raise RuntimeError("no length")
@@ -24,7 +24,7 @@ class Strange:
 
 
 def strange_values(folder: Path) -> tuple[Callable[[], Any], ...]:
-    """Makers of values that no argument takes, or few."""
+    """Makers of values that few arguments or none accept."""
     plain = (
         None, True, "", "text", "x" * 3000, "\x00", b"bytes", 0, -1, 1, 0.0, -0.0, 1e308, -1e308, 5e-324,
         1e-300, float("nan"), float("inf"), -float("inf"), 10**400, 2**70, 1j, (), [], {}, set(),
@@ -45,7 +45,7 @@ def strange_values(folder: Path) -> tuple[Callable[[], Any], ...]:
 
 
 def sound_calls() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
-    """Constructors and functions with arguments that they take."""
+    """Constructors and functions with valid arguments."""
     coil = fm.CircularCoil("c", 0.02, 0.03, 0.01, 100)
     body = fm.Body("b", "steel", fm.Cylinder(0.01, 0.02), mesh_size=0.005)
     steel = fm.LinearMaterial("steel", 1000.0)
@@ -86,7 +86,7 @@ def sound_calls() -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
 
 
 def in_a_device(name: str, made: Any) -> Any:
-    """What was made, in a machine, whose constructor checks all of it."""
+    """A machine with the made object. Its constructor checks the object completely."""
     coil = fm.CircularCoil("other", 0.02, 0.03, 0.01, 100)
     steel = fm.LinearMaterial("steel", 1000.0)
     if isinstance(made, fm.Device):
@@ -115,7 +115,7 @@ def in_a_device(name: str, made: Any) -> Any:
 
 
 def machines(folder: Path) -> Callable[[Generator, int], Case]:
-    """One to three arguments replaced, left out, too many, or under another name."""
+    """Calls with one to three arguments replaced, left out, added or renamed."""
     calls, values = sound_calls(), strange_values(folder)
     usable = {}
     for name, (function, arguments) in calls.items():
@@ -149,7 +149,7 @@ def machines(folder: Path) -> Callable[[Generator, int], Case]:
             "open_map",
         )  # fmt: skip
         if name in methods and any(not word.startswith("value") for word in done):
-            # Functions are Python's own to refuse: TypeError for arguments that they do not have.
+            # Python itself raises TypeError for arguments that a function does not have.
             chosen, extra = dict(given), ()
 
         def read() -> Any:
@@ -161,7 +161,7 @@ def machines(folder: Path) -> Callable[[Generator, int], Case]:
 
 
 def _fault(made: Any) -> str:
-    """A machine of finite numbers, that is written and read as the same."""
+    """Fault of a machine with NaN or infinity, or of one that is not the same after writing and reading."""
     if not isinstance(made, fm.Device):
         return ""
     parts = {

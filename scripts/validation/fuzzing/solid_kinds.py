@@ -1,4 +1,4 @@
-"""Shapes of iron from other programs: surfaces of triangles (STL), meshes (VTK, gmsh), solids (STEP)."""
+"""Shapes of iron from other programs: triangle surfaces (STL), meshes (VTK, gmsh), solids (STEP)."""
 
 import struct
 from collections.abc import Callable
@@ -66,7 +66,7 @@ def _ball() -> tuple[Any, Any]:
 
 
 def surfaces(folder: Path) -> Callable[[Generator, int], Case]:
-    """STL, binary and text: a solid has a volume, and its corners are numbers of the file."""
+    """STL files, binary and text. A result must have a volume, and its corners must be numbers of the file."""
     points, triangles = _ball()
     mesh = meshio.Mesh(points, [("triangle", triangles)])
     kinds = []
@@ -93,7 +93,7 @@ def surfaces(folder: Path) -> Callable[[Generator, int], Case]:
 
 
 def _fault_of_surface(found: Any, raw: bytes) -> str:
-    """The corners of the file, read once more by the rules of the format; the box that they span."""
+    """Compare the corners with the file, read again by the rules of the format, and check the box."""
     points, triangles = found
     if lost := not_finite([points]):
         return f"NaN or infinity in {lost}"
@@ -120,7 +120,7 @@ def _fault_of_surface(found: Any, raw: bytes) -> str:
 
 
 def meshes(folder: Path) -> Callable[[Generator, int], Case]:
-    """VTK's files and gmsh's: tetrahedra that fill a volume."""
+    """Files of VTK and gmsh with tetrahedra that fill a volume."""
     points = 1.0 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]])
     tets = np.array([[0, 1, 2, 3], [1, 2, 3, 4]])
     tags = {"gmsh:physical": [np.array([1, 2])], "gmsh:geometrical": [np.array([1, 2])]}
@@ -143,7 +143,7 @@ def meshes(folder: Path) -> Callable[[Generator, int], Case]:
     def make(rng: Generator, number: int) -> Case:
         suffix, sound = kinds[int(rng.integers(len(kinds)))]
         change, raw = _mutated(sound, rng, number)
-        # Files are known by name, time and size; these are another each time.
+        # Files are cached by name, time and size, so each case has a name of its own.
         path = folder / f"input{number}{suffix}"
         path.write_bytes(raw)
 
@@ -159,7 +159,7 @@ def meshes(folder: Path) -> Callable[[Generator, int], Case]:
 
 
 def _fault_of_mesh(found: Any) -> str:
-    """Finite points, and the volume by determinants of every tetrahedron."""
+    """Check for finite points, and compare the volume with the determinants of all tetrahedra."""
     if lost := not_finite([found.points]):
         return f"NaN or infinity in {lost}"
     corners = found.points[found.tets]
@@ -168,7 +168,7 @@ def _fault_of_mesh(found: Any) -> str:
 
 
 def steps(folder: Path) -> Callable[[Generator, int], Case]:
-    """STEP: a solid with a volume, or none. The reader is Open CASCADE's, in C++."""
+    """STEP files with or without a solid. The reader is Open CASCADE, in C++."""
     box = occ.Box(occ.Pnt(0, 0, 0), occ.Pnt(4, 5, 6)) - occ.Cylinder(occ.Pnt(2, 2, 0), occ.Z, r=1, h=6)
     box.WriteStep(str(folder / "sound.step"))
     sound, path = (folder / "sound.step").read_bytes(), folder / "input.step"
@@ -176,7 +176,7 @@ def steps(folder: Path) -> Callable[[Generator, int], Case]:
 
     def read() -> Any:
         body = fm.Body("b", "steel", (fm.Part(fm.StepFile(path, 1e-3)),), mesh_size=1e-3)
-        # As before every solve: a surface that is inside out or open is a solid of the kernel's all the same.
+        # The check of every solve; the kernel also accepts surfaces that are open or inside out as solids.
         check_geometry(fm.Device.unchecked(name="d", coils=(), bodies=(body,)))
         solid = body_solid(body)
         return [solid.mass, *(list(point) for point in solid.bounding_box)]
@@ -196,7 +196,7 @@ def steps(folder: Path) -> Callable[[Generator, int], Case]:
 
 
 def _fault_of_solid(found: Any) -> str:
-    """A finite volume that fits into its box."""
+    """Check for a finite volume that fits into its box."""
     volume, low, high = found
     if not np.isfinite([volume, *low, *high]).all():
         return f"NaN or infinity: {found}"
@@ -211,7 +211,7 @@ SURFACES = Kind("surfaces (STL)", surfaces, through_command=0)
 MESHES = Kind(
     "meshes (VTK, gmsh, medit)",
     meshes,
-    # Binary files of gmsh state how many numbers follow; meshio makes room for them before it reads.
+    # Binary files of gmsh state a number of values, for which meshio allocates memory before it reads.
     seconds=10.0,
     megabytes=4000.0,
     through_command=0,

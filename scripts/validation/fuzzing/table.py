@@ -1,4 +1,4 @@
-"""Run the cases of each kind in a process of its own, and count what came of them."""
+"""Run the cases of each kind in a process of its own, and count the outcomes."""
 
 import json
 import os
@@ -21,7 +21,7 @@ GOOD = ("read", "refused")
 
 @dataclass
 class Figures:
-    """Counts of results, the largest processor seconds and megabytes of a case, and what must not be."""
+    """Counts of results, the largest processor seconds and megabytes of a case, and the failures."""
 
     counts: Counter[str] = field(default_factory=Counter)
     seconds: float = 0.0
@@ -31,7 +31,7 @@ class Figures:
 
 
 def figures(kind: str, count: int, seed: int, first: int = 0) -> Figures:
-    """Cases first to count of a kind. A process that ends or says nothing for long is started anew behind its case."""
+    """Run cases `first` to `count` of a kind. If the process ends or hangs, a new one continues after that case."""
     found, begin = Figures(), time.perf_counter()
     while first < count:
         reached = _some(kind, first, count, seed, found)
@@ -43,13 +43,13 @@ def figures(kind: str, count: int, seed: int, first: int = 0) -> Figures:
 
 
 def _some(kind: str, first: int, count: int, seed: int, found: Figures) -> int | None:
-    """Cases until the process ends: the number of the case that ended it; None where it reached its end."""
+    """Run cases in one process. Returns the number of the case that ended it, or None if all cases were run."""
     command = [sys.executable, "-P", str(PROGRAM), kind, str(first), str(count), str(seed)]
     current, change, done, silent = first, "before the first case", True, []
 
     def end() -> None:
         silent.append(True)
-        # The process says where it is, if it can still be ended.
+        # SIGABRT makes the process print its traceback.
         process.send_signal(signal.SIGABRT) if os.name == "posix" else process.kill()
 
     with (
@@ -89,7 +89,7 @@ def _some(kind: str, first: int, count: int, seed: int, found: Figures) -> int |
 
 
 def _place(error: str) -> str:
-    """The innermost calls of what faulthandler has printed, if anything."""
+    """The innermost calls in the output of faulthandler, if any."""
     calls = _FRAME.findall(error)[:4]
     return " in ".join(f"{Path(path).name}:{line} {name}" for path, line, name in calls)
 

@@ -67,7 +67,7 @@ def table_kind(
     suffix: str = ".csv",
     seconds: float = 3.0,
 ) -> Kind:
-    """A kind of table. fault: of what was read of a text."""
+    """A kind of table. fault(result, text): describes errors in the result."""
 
     def prepare(folder: Path) -> Callable[[Generator, int], Case]:
         path, sound = folder / f"input{suffix}", text()
@@ -93,7 +93,7 @@ def table_kind(
 
 
 def _readings() -> str:
-    """A uniform field and a gradient of two coils, in a box of 10 mm."""
+    """Readings of two coils with a uniform field and a gradient, in a box of 10 mm."""
     rng = np.random.default_rng(0)
     lines = ["x_mm,y_mm,z_mm,I_left_A,I_right_A,Bx_mT,By_mT,Bz_mT"]
     for k in range(60):
@@ -111,7 +111,7 @@ def _read_readings(path: Path) -> Any:
 
 
 def fault_of_readings(found: Any, text: str) -> str:
-    """The numbers of the text, by a loop of Python's own; a fit of finite numbers that follows them."""
+    """Compare with the numbers of the text, read by plain Python; the fit must be finite and follow them."""
     measured, fitted = found
     data = fitted.data
     if lost := not_finite([measured, data.flux_density, data.gradient, fitted.report]):
@@ -124,7 +124,7 @@ def fault_of_readings(found: Any, text: str) -> str:
     units = {"mm": 1e-3, "m": 1.0, "mT": 1e-3, "T": 1.0, "uT": 1e-6, "A": 1.0}
     for axis, column in zip("xyz", measured.points.T, strict=True):
         called = [k for k, name in enumerate(names) if name.startswith(f"{axis}_")]
-        # Other names and units are for the tests of the reader.
+        # The tests of the reader cover other names and units.
         if len(called) != 1 or names[called[0]].rpartition("_")[2] not in units:
             continue
         (k,) = called
@@ -135,7 +135,7 @@ def fault_of_readings(found: Any, text: str) -> str:
 
 
 def _log() -> str:
-    """A step of current, and what a first-order system does."""
+    """A step of current, and the response of a first-order system."""
     lines = ["time (s),current (A),position (mm)"]
     y = 0.0
     for k in range(400):
@@ -152,7 +152,7 @@ def _read_logs(path: Path) -> Any:
 
 
 def fault_of_log(found: Any, text: str) -> str:
-    """Finite, evenly sampled, and the same by role and by name."""
+    """The log must be finite, evenly sampled, and the same by role and by name."""
     recognised, log = found
     if lost := not_finite([recognised.signals, log.signals, log.Ts, recognised.Ts]):
         return f"NaN or infinity in {lost}"
@@ -165,7 +165,7 @@ def fault_of_log(found: Any, text: str) -> str:
 
 
 def _fields() -> str:
-    """Two coils on 5 x 5 x 5 nodes, z fastest."""
+    """Fields of two coils on 5 x 5 x 5 nodes, with z as the fastest index."""
     axis = np.linspace(-0.01, 0.01, 5)
     lines = ["name: two", "vfields:"]
     for coil in range(2):
@@ -235,7 +235,7 @@ def vector_fields(folder: Path) -> Callable[[Generator, int], Case]:
 
 
 def _other_value(text: str, rng: Generator) -> tuple[str, str]:
-    """Another value of one of the sizes and corners, or of one node."""
+    """Replace one of the sizes and corners, or the value of one node."""
     values = (
         ".nan", ".inf", "-.inf", "1e308", "-1", "0", "1", "2", "1000000000", "999999999999999999999",
         "text", "[1]", "{}", "null", "true", "1.5", '"5"', "2026-11-23", "!!int x", "0o17", "1_000", "~",

@@ -82,8 +82,8 @@ def text_kind(
     command: Callable[[Path], tuple[str, ...]] = lambda path: (),
     seconds: float = 2.0,
 ) -> Kind:
-    """A kind of TOML file. originals(folder): sound texts by name, with what they need written beside them. fault: of
-    what was read, by the data as tomllib sees them."""
+    """A kind of TOML file. originals(folder): valid texts by name, with the files that they need written to the folder.
+    fault(result, data, path): describes errors in the result, compared with the data of tomllib."""
 
     def prepare(folder: Path) -> Callable[[Generator, int], Case]:
         texts, strange, path = originals(folder), strange_places(folder), folder / "input.toml"
@@ -126,14 +126,14 @@ def _judged(found: Any, path: Path, fault: Callable[[Any, dict[str, Any], Path],
 
 
 def near(ours: Any, theirs: Any, unit: float = 1.0) -> bool:
-    """The same numbers, within rounding, where the file states a number (expressions are not computed here)."""
+    """Whether numbers agree within rounding; True for expressions, which are not evaluated here."""
     if not isinstance(theirs, int | float) or isinstance(theirs, bool):
         return True
     return math.isclose(float(ours), float(theirs) * unit, rel_tol=1e-12, abs_tol=1e-300)
 
 
 def fault_of_device(device: Any, data: dict[str, Any], path: Path) -> str:
-    """Numbers that are none, tables that are lost, and values that are not those of the file."""
+    """Find NaN and infinity, lost tables, and values that differ from the file."""
     lost = not_finite({k: getattr(device, k) for k in ("coils", "bodies", "payload", "driver", "workspace")})
     if lost:
         return f"a device with NaN or infinity in {lost}"
@@ -179,7 +179,7 @@ def _read_recipe(path: Path) -> Any:
 
 
 def fault_of_recipe(found: Any, data: dict[str, Any], path: Path) -> str:
-    """The grid fills the box; numbers are those of the file."""
+    """The grid must fill the box, and numbers must agree with the file."""
     recipe, grid = found
     if lost := not_finite([grid.lower, grid.spacing, recipe.tolerance, recipe.refinement]):
         return f"NaN or infinity in {lost}"
@@ -197,7 +197,7 @@ def fault_of_recipe(found: Any, data: dict[str, Any], path: Path) -> str:
 
 
 def _read_scenario(path: Path) -> Any:
-    """A scenario and the signals that it asks for."""
+    """A scenario and its signals."""
     scenario = read_scenario(path)
     given, control = scenario.settings, scenario.settings.control
     time = control_times(given.duration, control.period)
@@ -210,20 +210,20 @@ def _read_scenario(path: Path) -> Any:
 
 
 def fault_of_scenario(found: Any, data: dict[str, Any], path: Path) -> str:
-    """Finite signals, and every number that of its key."""
+    """Signals must be finite, and every number must agree with its key."""
     contents, signals = found
     lost = not_finite(signals)
     return f"signals with NaN or infinity in {lost}" if lost else fault_of_contents(contents, data, path)
 
 
 def fault_of_contents(found: Any, data: dict[str, Any], path: Path) -> str:
-    """Every number of the file is the number of its key; none is NaN or infinite."""
+    """Every number must agree with its key in the file, and none may be NaN or infinite."""
     lost = not_finite(found)
     return f"NaN or infinity in {lost}" if lost else _different(found, data, "")
 
 
 def _different(model: Any, data: Any, where: str) -> str:
-    """Where numbers and texts of a schema's instance are not those of the data."""
+    """Place at which a number or text of a schema's instance differs from the data."""
     if isinstance(data, dict):
         for key, value in data.items():
             fields = getattr(type(model), "model_fields", None)
@@ -247,7 +247,7 @@ def _different(model: Any, data: Any, where: str) -> str:
 
 
 def fault_of_study(found: Any, data: dict[str, Any], path: Path) -> str:
-    """As many variants as the values of its axes give."""
+    """The number of variants must follow from the values of the axes."""
     count = 1
     for axis in data.get("vary", []):
         count *= len(axis.get("values", [1])) if "values" in axis else 1
@@ -257,7 +257,7 @@ def fault_of_study(found: Any, data: dict[str, Any], path: Path) -> str:
 
 
 def fault_of_optimisation(found: Any, data: dict[str, Any], path: Path) -> str:
-    """The variables and limits of the file, between the bounds that it states."""
+    """Variables and limits must agree with the file and lie within its bounds."""
     if lost := not_finite([found.check_refinement, found.tolerance]):
         return f"NaN or infinity in {lost}"
     keys = data["optimise"]["variable"]
@@ -273,11 +273,11 @@ FIT_TABLES = ("flux_density", "inductance", "lift_current")
 
 
 def fault_of_fit(found: Any, data: dict[str, Any], path: Path) -> str:
-    """The unknowns and tables of the file, each reading a number."""
+    """Unknowns and tables must agree with the file, and each reading must be a number."""
     tables = [table for name in FIT_TABLES for table in data.get(name, [])]
     if len(found.unknowns) != len(data["unknown"]) or len(found.readings) + len(found.predict) != len(tables):
         return "unknowns or tables lost"
-    # What was not measured is NaN.
+    # Quantities that were not measured are NaN.
     read = sum(int(np.isfinite(table.measured).sum()) for table in (*found.readings, *found.predict))
     told = sum(
         np.size(value) for table in tables for key, value in table.items() if key.startswith("measured")
@@ -291,7 +291,7 @@ def fault_of_fit(found: Any, data: dict[str, Any], path: Path) -> str:
 
 
 def fault_of_planar(device: Any, data: dict[str, Any], path: Path) -> str:
-    """Numbers that are none, and coils that are lost."""
+    """Find NaN and infinity, and lost coils."""
     lost = not_finite([device.coils, device.bodies, device.walls, device.moment])
     if lost:
         return f"NaN or infinity in {lost}"
@@ -299,7 +299,7 @@ def fault_of_planar(device: Any, data: dict[str, Any], path: Path) -> str:
 
 
 def fault_of_curve(law: Any, data: dict[str, Any], path: Path) -> str:
-    """The law passes through the points of the file."""
+    """The law must pass through the points of the file."""
     if lost := not_finite([law.h, law.b]):
         return f"NaN or infinity in {lost}"
     same = len(law.h) == len(data["H_A_per_m"]) and all(
@@ -309,7 +309,7 @@ def fault_of_curve(law: Any, data: dict[str, Any], path: Path) -> str:
 
 
 def expressions(folder: Path) -> Callable[[Generator, int], Case]:
-    """Arithmetic: a value is that of Python where Python has one; all else is refused."""
+    """Arithmetic expressions. A value must agree with Python's; texts without a value in Python must be refused."""
     names = {"radius": 10.0, "gap": 2.5, "k": 3.0, "places": [1.0, 2.0], "tag": "left"}
     sound = (
         "= 2*(radius + 1.5)", "= sqrt(radius**2 - gap**2)", "= max(gap, min(3, 4)) - abs(-k)", "= 60*cosd(120*k)",
@@ -346,7 +346,7 @@ def expressions(folder: Path) -> Callable[[Generator, int], Case]:
 
 
 def _sum(rng: Generator, depth: int) -> str:
-    """Sound arithmetic, a few levels deep."""
+    """A valid expression, a few levels deep."""
     what = int(rng.integers(0, 6)) if depth < 3 else 0
     if what == 0:
         leaf = ("radius", "gap", "k", "pi", "2", "0.25", "1e-3", "7.", ".5", "1e5")
@@ -361,7 +361,7 @@ def _sum(rng: Generator, depth: int) -> str:
 
 
 def _fault_of_value(value: Any, text: str, names: dict[str, Any]) -> str:
-    """Python's own value of the text, by nothing but the names of the grammar."""
+    """Compare with Python's own value of the text, with the names of the grammar only."""
     told = text.removeprefix("=").strip()
     functions = {"sqrt": math.sqrt, "abs": abs, "min": min, "max": max, "pi": math.pi}
     functions |= {

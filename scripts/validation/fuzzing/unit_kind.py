@@ -1,4 +1,4 @@
-"""FMUs that we write, called as an importer with mistakes calls them, with a damaged map among their resources."""
+"""FMUs of the package, called by a faulty importer, or with a damaged map among their resources."""
 
 import ctypes
 import math
@@ -23,11 +23,11 @@ CALLBACK = ctypes.CFUNCTYPE(
 )
 ODD = (math.nan, math.inf, -math.inf, 1e308, -1e308, 5e-324, 0.0, -1.0, 1e-300, 1e9, 0.01)
 REFERENCES = 100
-"""Beyond the last value of the unit."""
+"""A value reference beyond the last of the unit."""
 
 
 class Callbacks(ctypes.Structure):
-    """What FMI 2 hands over: a logger, and memory and steps that the unit does not use."""
+    """Callbacks of FMI 2: a logger, and functions for memory and steps, which the unit does not use."""
 
     _fields_ = (("logger", CALLBACK), *((name, ctypes.c_void_p) for name in "abcd"))
 
@@ -47,13 +47,13 @@ def units(folder: Path) -> Callable[[Generator, int], Case]:
     resources = folder / "unit" / "resources"
     sound = (resources / "map.fmap").read_bytes()
     middle = 0.5 * (field.lower + field.upper)
-    # Held as long as the unit may log.
+    # Kept alive as long as the unit may log.
     callbacks = Callbacks(CALLBACK(lambda *_: None))
 
     def opened(token: bytes, place: bytes) -> Any:
         unit = library.fmi2Instantiate(b"one", 1, token, place, ctypes.byref(callbacks), 0, 1)
         if not unit:
-            # The unit's own way to refuse; the importer says the rest.
+            # The unit refuses by returning no instance; the message is made here.
             raise InputError(
                 Problem("fmi2Instantiate", "must be given its own map", "another", "unpack it again")
             )
@@ -109,7 +109,7 @@ def units(folder: Path) -> Callable[[Generator, int], Case]:
 
 
 def call_reset(library: Any, unit: Any) -> list[float]:
-    """B of the sound unit where it starts."""
+    """B of the unit at its start values, after a reset."""
     out = (ctypes.c_double * 3)()
     library.fmi2GetReal(unit, (ctypes.c_uint * 3)(40, 41, 42), ctypes.c_size_t(3), out)
     library.fmi2FreeInstance(unit)
@@ -117,7 +117,7 @@ def call_reset(library: Any, unit: Any) -> list[float]:
 
 
 def _fault(answers: Any, start: list[float], sound: bool) -> str:
-    """A status that FMI knows; the numbers of the start after a reset; no answer from a damaged map."""
+    """A status must be one of FMI, a reset must restore the start values, and a damaged map must not give an answer."""
     if not sound:
         return "opened with a damaged map"
     for status, what, out in answers:

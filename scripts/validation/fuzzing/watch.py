@@ -1,4 +1,4 @@
-"""Limits of a process that reads hostile input, and what it did beside reading."""
+"""Limits of a process that reads hostile input, and detection of forbidden actions."""
 
 import ctypes
 import os
@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 ADDRESS_SPACE = 4 << 30
-"""Beyond what the process has when the cases begin: who asks for more is refused, which shows as a MemoryError."""
+"""Bytes that the process may allocate beyond its size at the first case. A larger allocation gives a MemoryError."""
 
 _READ = 0x1 | 0x20  # IN_ACCESS, IN_OPEN
 _RUNS = (
@@ -19,8 +19,8 @@ _RUNS = (
 
 
 class Watch:
-    """Files that nothing may open (by inotify, so that libraries in C are seen as well), code that nothing may run (by
-    Python's audit events), and the memory that was asked for."""
+    """Detects access to forbidden files (by inotify, which includes libraries in C), forbidden actions (by Python's
+    audit events), and the memory that was allocated."""
 
     def __init__(self, folder: Path, decoys: Path) -> None:
         self._folder, self._active, self._told = str(folder), False, [""]
@@ -55,7 +55,7 @@ class Watch:
                 self._told[0] = f"wrote {path[-80:]}"
 
     def begin(self) -> None:
-        """A case begins."""
+        """Begin a case."""
         self._opened()
         self._told[0] = ""
         tracemalloc.reset_peak()
@@ -65,17 +65,17 @@ class Watch:
         self._active = True
 
     def end(self) -> tuple[str, float]:
-        """The case has ended: what it did that it must not, and megabytes that it asked for."""
+        """End the case. Returns its forbidden action, or "", and the allocated megabytes."""
         self._active = False
         asked = tracemalloc.get_traced_memory()[1] - self._before
-        # More than the process may have was asked for and not given; who did not bear that ends in a MemoryError.
+        # An allocation beyond the limit failed and is not counted. The reader handled it, or ends in a MemoryError.
         asked = asked if asked <= ADDRESS_SPACE else 0
-        # What libraries in C ask for shows in the memory that the process used at most.
+        # Allocations of libraries in C appear in the peak memory of the process only.
         asked = max(asked, _status("VmHWM") - self._resident)
         return self._told[0] or self._opened(), asked / 1e6
 
     def _opened(self) -> str:
-        """Whether a decoy was opened since the last question."""
+        """Description of an access to a decoy since the last call, or ""."""
         if self._handle < 0:
             return ""
         try:

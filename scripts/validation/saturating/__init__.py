@@ -1,1 +1,1 @@
-"""Sixty machines of saturating iron that nobody tuned a map to: devices, steels, and what of them stands together."""
+"""Sixty machines of saturating iron that no map was tuned to: devices, steels, and their combinations."""

@@ -1,7 +1,7 @@
-"""The sixty machines: which device is made of which steel, and for which currents a map is asked.
+"""The sixty machines: combinations of a device, a steel, and currents of a map.
 
-A device file of `devices` lacks `[material.steel]`; the steel's table completes it. Nobody looked at a map when the
-currents were chosen: they take the iron from where its law is straight to where it saturates, of both signs or of one.
+A device file of `devices` lacks `[material.steel]`; the steel's table completes it. The currents were chosen without
+looking at maps. They cover the iron from its linear range to saturation, with both signs or one.
 """
 
 from collections.abc import Mapping
@@ -17,9 +17,9 @@ from validation.saturating.steels import STEELS, Steel
 
 FOLDER = Path(__file__).parent / "devices"
 CELLS = 4
-"""Of a map along each axis, the fewest that there may be: fields are compared at nodes, where the interpolant adds
-nothing."""
-# The largest spacing, m, of boxes near iron, where `fieldmap.generate` refuses a larger one.
+"""Least number of cells of a map along each axis. Few suffice, because fields are compared at nodes, without an error
+of the interpolant."""
+# Largest spacing, m, of boxes near iron for which `fieldmap.generate` refuses a larger one.
 SPACING = {
     "c_yoke": 1.75e-3,
     "c_yoke_two_coils": 1.75e-3,
@@ -28,7 +28,7 @@ SPACING = {
     "two_steels": 3.5e-3,
 }
 
-# Of meshes whose curved parts would be finer than is needed here; 1 elsewhere.
+# Refinement of devices with curved parts that would be meshed finer than necessary; 1 for others.
 REFINEMENT = {
     "core_and_magnet": 0.7,
     "core_in_tube": 0.7,
@@ -47,7 +47,7 @@ REFINEMENT = {
 
 @dataclass(frozen=True)
 class Combination:
-    """A device, a steel, and what a recipe says: currents, A, smallest and largest, or keys of [currents]; changes: of
+    """A device, a steel, and the currents of the recipe: smallest and largest, A, or keys of [currents]. changes: of
     the device file."""
 
     device_name: str
@@ -55,11 +55,11 @@ class Combination:
     currents: tuple[float, float] | Mapping[str, Any]
     changes: Mapping[str, float] = field(default_factory=dict)
     coarser: float = 1.0
-    """Multiplies the mesh sizes."""
+    """Factor of the mesh sizes."""
 
     @property
     def name(self) -> str:
-        """By which a run of some machines names it."""
+        """Name of the machine on the command line."""
         return f"{self.device_name}-{self.steel_name}"
 
     @property
@@ -69,17 +69,17 @@ class Combination:
 
     @property
     def refinement(self) -> float:
-        """Of the mesh."""
+        """Refinement of the mesh."""
         return REFINEMENT.get(self.device_name, 1.0) / self.coarser
 
     @property
     def case(self) -> str:
-        """In words."""
+        """Description of the machine."""
         return f"{self.device_name}, {self.steel_name}, {self.range}"
 
     @property
     def range(self) -> str:
-        """Its currents in words."""
+        """Description of the currents."""
         if not isinstance(self.currents, Mapping):
             return f"{self.currents[0]:g} to {self.currents[1]:g} A"
         if "lift_and_directions" in self.currents:
@@ -89,12 +89,12 @@ class Combination:
         return f"{count} group{'s' * (count > 1)}, {lower:g} to {upper:g} A"
 
     def device(self) -> Device:
-        """Read from its file with the steel's table."""
+        """The device, read from its file with the steel's table."""
         text = (FOLDER / f"{self.device_name}.toml").read_text(encoding="utf-8")
         return fm.read_device(f"{text}\n{self.steel.table()}", dict(self.changes))
 
     def generate(self, output: Path) -> Path:
-        """The map, with the defaults of a recipe; raises as `fieldmap.generate` does."""
+        """Make the map with the defaults of a recipe. Raises the errors of `fieldmap.generate`."""
         device = self.device()
         lower, upper = device.workspace.bounds
         return fm.generate(
@@ -108,13 +108,13 @@ class Combination:
 
 
 def lift_and_directions(lift: tuple[float, float], direction: float, n: float = 1.25) -> dict[str, Any]:
-    """Six coils by one lift, A, and two direction signals each up to `direction`."""
+    """Keys for six coils with one lift, A, and two direction signals, each up to `direction`."""
     signals = [-direction, direction]
     return {"lift_and_directions": {"u_A": list(lift), "x": signals, "y": signals, "n": n}}
 
 
 def groups(names: list[list[str]], lower: float, upper: float) -> dict[str, Any]:
-    """Coils that carry one current, A."""
+    """Keys for groups of coils that carry one current, A."""
     return {"groups": names, "lower_A": lower, "upper_A": upper}
 
 

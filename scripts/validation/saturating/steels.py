@@ -1,8 +1,8 @@
 """Steels for the study of many machines, as tables of a device file.
 
-Each table has the shape of a data sheet of its kind, typed from general knowledge: "like" in a title says that no
-product is meant. What counts here is that the curves differ: permeability from 64 to 72 000 at its highest, saturation
-from 0.45 to 2.4 T, a straight foot or a curved one, 2 to 200 points.
+Each table has the shape of a typical data sheet, from general knowledge; "like" in a title means that it is no product.
+The curves differ widely: highest permeability from 64 to 72 000, saturation from 0.45 to 2.4 T, a straight or a curved
+foot, 2 to 200 points.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ TO_SATURATION = "towards saturation"
 
 @dataclass(frozen=True)
 class Steel:
-    """A steel by the keys of its table `[material.steel]`, with a title that says what it is like."""
+    """A steel with the keys of its table `[material.steel]` and a descriptive title."""
 
     name: str
     title: str
@@ -41,7 +41,7 @@ def by_table(
     flux_density: list[float],
     saturation: float | None = None,
 ) -> Steel:
-    """A B-H table: A/m and T, and the polarisation, T, to which it rises past its last point; None: it ends there."""
+    """A B-H table, A/m and T. saturation: polarisation, T, approached beyond the last point; None: no law there."""
     keys = {
         "kind": "bh_table",
         "H_A_per_m": field_strength,
@@ -74,13 +74,13 @@ def sampled(
 
 
 def langevin(field_strength: Array) -> Array:
-    """Polarisation, T, by Langevin's function: 1.9 T, initial permeability some 1700."""
+    """Polarisation, T, by Langevin's function: saturation 1.9 T, initial permeability about 1700."""
     ratio = field_strength / 300.0
     return 1.9 * (1.0 / np.tanh(ratio) - 1.0 / ratio)
 
 
 def two_humps(field_strength: Array) -> Array:
-    """Polarisation, T, of two phases: one soft to 0.9 T, one hard to 0.8 T; the permeability falls in two steps."""
+    """Polarisation, T, of a soft phase of 0.9 T and a hard phase of 0.8 T; the permeability falls in two steps."""
     chi, hard = 4000.0 * MU0 * field_strength, 60.0 * MU0 * field_strength
     return chi / (1.0 + (chi / 0.9) ** 2) ** 0.5 + hard / (1.0 + (hard / 0.8) ** 2) ** 0.5
 

@@ -1,4 +1,4 @@
-"""A map against fully solved states that no training saw: at random, extreme, and about the worst of these."""
+"""A map against fully solved states outside the training: random, extreme, and near the worst of these."""
 
 import itertools
 import tempfile
@@ -18,21 +18,21 @@ from validation.row import Array, largest_error, timed
 from validation.saturating.combinations import Combination
 
 ASKED, STATED_BOUND, ASKED_BOUND, GRADIENT_BOUND = 1e-3, 1.5, 2.0, 4.0
-"""The accuracy of a recipe by default, and what true errors may be: by the stated, and by the accuracy. That of the
-gradient is twice that of the flux density."""
+"""Default accuracy of a recipe, and bounds of the true error over the stated error and over the accuracy. The bound of
+the gradient is twice the bound of the flux density, as is its accuracy."""
 TOLERANCE = 1e-4
-"""Of the states that count as true, tight beside the accuracy: errors below it are taken for none."""
-# A coil alone is tried at its largest current and at this share of it, where permeability is another.
+"""Tolerance of the reference states, much smaller than the accuracy. A stated error below it counts as this value."""
+# Single coils are tried at their largest current and at this share of it, where the permeability is different.
 _WEAK = 0.125
 _SEED = 41
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What is known of one machine: seconds of its map, and either why it was refused, or its errors (2,) of flux
-    density and gradient, shares of the largest of the same state: `true` where no training saw them, `stated` by the
-    map. worst: kind and currents, A, of the state with the largest true error of the flux density; states: how many
-    were tried; size: of the map, in words; faces: of the iron's surface.
+    """Results of one machine: seconds of its map, and either the reason of a refusal, or errors (2,) of B and gradient,
+    relative to the largest value of the same state: `true` outside the training, `stated` by the map. worst:
+    kind and currents, A, of the state with the largest true error of the flux density; states: number of tried states;
+    size: description of the map; faces: of the iron's surface.
     """
 
     combination: Combination
@@ -48,12 +48,12 @@ class Trial:
 
     @property
     def by_stated(self) -> float:
-        """True by stated error of the flux density."""
+        """True error over stated error of the flux density."""
         return self.true[0] / max(self.stated[0], TOLERANCE)
 
     @property
     def by_asked(self) -> tuple[float, float]:
-        """True errors of flux density and gradient by the accuracy that was asked for."""
+        """True errors of flux density and gradient over the requested accuracy."""
         return self.true[0] / ASKED, self.true[1] / ASKED
 
     @property
@@ -70,9 +70,9 @@ class Trial:
 
 
 def tried(combination: Combination, random: int = 12, extremes: int = 12, searched: int = 4) -> Trial:
-    """The map is made and tried at so many states: at random, at extremes, at most, and about the worst of both.
+    """Make the map and try it at random states, at most at `extremes` extreme states, and at states near the worst.
 
-    Raises what `fieldmap.generate` raises, but for NotConverged, which is a refusal."""
+    Raises the errors of `fieldmap.generate` except NotConverged, which counts as a refusal."""
     with tempfile.TemporaryDirectory() as folder:
         made, wall, cpu = timed(lambda: _made(combination, Path(folder) / "map.h5"))
         if isinstance(made, NotConverged):
@@ -98,7 +98,7 @@ def tried(combination: Combination, random: int = 12, extremes: int = 12, search
 
 
 def stated_errors(data: MapData) -> tuple[float, float]:
-    """Of flux density and gradient by the map's own report."""
+    """Errors of flux density and gradient in the map's own report."""
     errors = data.provenance.solver_report["states_tried"].values()
     return max(of["flux_density_share"] for of in errors), max(of["gradient_share"] for of in errors)
 
@@ -113,8 +113,8 @@ def _made(combination: Combination, path: Path) -> Path | NotConverged:
 def _true_errors(
     combination: Combination, data: MapData, counts: tuple[int, int, int]
 ) -> tuple[list[float], str, int]:
-    """Largest errors of flux density and gradient, the state at which that of the flux density is largest, and how many
-    states were tried."""
+    """Largest errors of flux density and gradient, the state with the largest error of the flux density, and the number
+    of tried states."""
     domain = data.reduced_model.domain
     random, extremes, searched = counts
     difference = Difference(combination.device(), combination.refinement, data)
@@ -132,7 +132,7 @@ def _true_errors(
 
 
 class Difference:
-    """Of a map's fields from those of solved states, at the nodes on the surface of its box."""
+    """Difference of a map's fields from those of solved states, at the nodes on the surface of its box."""
 
     def __init__(self, device: Device, refinement: float, data: MapData) -> None:
         points = data.grid.points()
@@ -146,7 +146,7 @@ class Difference:
         self._solver = NonlinearSolver(device, refinement)
 
     def __call__(self, currents: Array) -> tuple[float, float]:
-        """Of flux density and gradient at currents (c,), each as a share of the largest of this state."""
+        """Differences of flux density and gradient at currents (c,), relative to the largest value of this state."""
         state, weights = self._solver.solve(currents, TOLERANCE), self._model.weights(currents)
         flux, gradient = (np.tensordot(weights, values, 1) for values in self._fields)
         return (
@@ -156,19 +156,19 @@ class Difference:
 
 
 def between(worst: Array, extremes: Array) -> Array:
-    """Shares (m, d) half way from those of the worst state (d,) to those of the extremes, the nearest first."""
+    """Shares (m, d) half way from the worst state (d,) to the extremes (m, d), the nearest first."""
     away = np.linalg.norm(extremes - worst, axis=1)
     others = extremes[np.argsort(away, kind="stable")][(away == 0.0).sum() :]
     return 0.5 * (worst + others)
 
 
 def with_currents(domain: CurrentDomain, shares: Array) -> Array:
-    """Those of shares (m, d) that are no state without currents, of whose field nothing is a share."""
+    """The shares (m, d) without states of zero currents, which have no field for relative errors."""
     return shares[[bool(domain.at(one).any()) for one in shares]]
 
 
 def equal_shares(domain: CurrentDomain, count: int) -> Array:
-    """Shares (count, d) all along the line of equal currents of all coils, both ends with it."""
+    """Shares (count, d) along the line of equal currents of all coils, with both ends."""
     along = np.linspace(0.0, 1.0, count)[:, None]
     if isinstance(domain.parametrisation, LiftAndDirections):
         return np.column_stack([along, np.tile(_without(domain)[1:], (count, 1))])
@@ -177,8 +177,8 @@ def equal_shares(domain: CurrentDomain, count: int) -> Array:
 
 
 def extreme_shares(domain: CurrentDomain) -> Array:
-    """Shares (m, d) of the ranges, those first that say most: currents that people try, not corners alone. None of them
-    is without currents."""
+    """Shares (m, d) of the ranges at typical extreme currents, not only corners, the most informative first; without
+    the state of zero currents."""
     found = (
         _of_a_division(domain) if isinstance(domain.parametrisation, LiftAndDirections) else _of_coils(domain)
     )
@@ -187,12 +187,12 @@ def extreme_shares(domain: CurrentDomain) -> Array:
 
 
 def _without(domain: CurrentDomain) -> Array:
-    """Shares (d,) at which signals are zero, or nearest to it."""
+    """Shares (d,) at which signals are zero or nearest to zero."""
     return np.clip(-domain.lower / (domain.upper - domain.lower), 0.0, 1.0)
 
 
 def _of_coils(domain: CurrentDomain) -> Array:
-    """Coils or groups alone, strong and weak, all equal, opposed in pairs, and corners."""
+    """Single coils or groups with strong and weak currents, all equal, opposed pairs, and corners."""
     off, count = _without(domain), len(domain.lower)
     alone = np.where(np.eye(count, dtype=bool), 1.0, off)
     weak = off + _WEAK * (alone - off)
@@ -206,7 +206,7 @@ def _of_coils(domain: CurrentDomain) -> Array:
 
 
 def _of_a_division(domain: CurrentDomain) -> Array:
-    """The line x = y = 0, its tips, and tips of the directions."""
+    """Shares on the line x = y = 0, and at the ends of the direction signals."""
     off = _without(domain)[1:]
     line = [[lift, *off] for lift in (1.0, 0.0, 0.5)]
     axes = [[1.0, share, off[1]] for share in (0.0, 1.0)] + [[1.0, off[0], share] for share in (0.0, 1.0)]

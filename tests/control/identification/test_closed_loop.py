@@ -56,8 +56,8 @@ def test_modified_least_squares_recovers_the_plant_within_one_percent_in_every_o
 
 @pytest.mark.parametrize("Kc", [0.5, 0.15])
 def test_the_structure_of_table_5_1_fails_where_the_thesis_says(Kc):
-    """Four poles, three zeros: no record settles, the controller's zeros, known to four digits, are not found, and
-    the poles beside them wander; the dominant ones are sound."""
+    """With four poles and three zeros no record converges, the known zeros of the controller are not found, and the
+    fourth pole wanders; the dominant poles are sound."""
     r, _, y = records(Kc, 100)
     found = modified_least_squares_runs(y, r, Orders(poles=4, zeros=3), iterations=15)
     assert found.converged.mean() < 0.05
@@ -93,7 +93,7 @@ def test_three_ways_agree_with_the_plant(noise):
 
 
 def test_plain_least_squares_on_the_loop_is_far_off():
-    """Why the thesis needed the modified one: the noise of the sensor alone hides the unstable pole."""
+    """Sensor noise alone hides the unstable pole, so the thesis needed the modified method."""
     _, u, y = records(0.5, 1)
     assert np.abs(least_squares(y[0], u[0], ORDERS, TS).poles).max() < 1.0
 
@@ -113,8 +113,8 @@ def test_unseen_forces_bias_the_direct_way_and_not_the_indirect_one():
 
 
 def test_without_reference_a_pi_controller_hides_the_plant_and_a_pid_does_not():
-    """(12): with u from y[n], y[n-1] alone the columns depend on each other, whatever the noise; with the
-    derivative part there is one more y in u than in the plant's equation."""
+    """(12): with PI, u depends on y[n] and y[n-1] alone, so the columns are dependent at any noise; the derivative
+    part brings one more y into u than the plant's equation has."""
     still = np.zeros(4000)
     _, u, y = records(0.5, 1, noise=0.1, reference=still, Td=0.0)
     with pytest.raises(InputError, match="reference"):
@@ -124,7 +124,7 @@ def test_without_reference_a_pi_controller_hides_the_plant_and_a_pid_does_not():
 
 
 def test_the_sign_of_the_controller_is_the_sign_of_the_plant():
-    """Reference and position know the product alone."""
+    """Reference and position depend on the product of both signs alone."""
     r, _, y = records(0.5, 1)
     positive = pid_transfer_function(0.5, 0.007, 0.001, TS)
     found = identify_indirect(y[0], r, positive, ORDERS, TS)
@@ -133,7 +133,7 @@ def test_the_sign_of_the_controller_is_the_sign_of_the_plant():
 
 
 def test_the_indirect_way_goes_on_until_its_steps_are_within_the_tolerance():
-    """It contracts: answers to two tolerances differ by about the larger, and one round fewer is not enough."""
+    """The iteration contracts: answers to two tolerances differ by about the larger one; a round less is not enough."""
     r, _, y = records(0.5, 1, noise=10 * SENSOR, hold=8)
 
     def poles(**asked):

@@ -1,4 +1,4 @@
-"""Registers are maximal by algebra over two elements, and the signals have the autocorrelation that follows."""
+"""Feedback registers have the maximal period by algebra over GF(2), and the signals its known autocorrelation."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from fieldmap.errors import InputError
 
 
 def prime_factors(order):
-    """Of 2^order - 1: each divides 2^d - 1 for a least divisor d of the order, and is 1 modulo d, and odd."""
+    """Prime factors of 2^order - 1. Each divides 2^d - 1 for a least divisor d of the order, is 1 modulo d, and odd."""
     found = set()
     for d in (d for d in range(2, order + 1) if order % d == 0):
         rest = 2**d - 1
@@ -61,7 +61,7 @@ def test_feedback_polynomials_are_primitive(order):
 
 @pytest.mark.parametrize("order", range(2, 13))
 def test_period_balance_and_autocorrelation(order):
-    """Golomb: one more of one level, and -1/N at every shift but 0."""
+    """Golomb: one level occurs once more than the other, and the autocorrelation is -1/N at every shift but 0."""
     signal = pseudo_random_binary(order)
     n = 2**order - 1
     assert signal.size == n

@@ -52,7 +52,7 @@ def test_delays_of_other_structures(orders, numerator, denominator):
     np.testing.assert_allclose(found.model.denominator[: orders.poles + 1], denominator, rtol=1e-9)
     np.testing.assert_allclose(found.simulate(u), y, atol=1e-9)
     assert found.fit(u, y) == pytest.approx(1.0)
-    # Off by 1 everywhere: the share of it in the spread about the mean is left.
+    # The error is 1 everywhere: the fit is 1 less its ratio to the standard deviation.
     off = np.where(np.arange(300) % 2, 1.0, -1.0)
     measured = y + off
     assert found.fit(u, measured) == pytest.approx(1.0 - 1.0 / np.std(measured))
@@ -83,7 +83,7 @@ def test_modified_least_squares_has_no_such_bias_and_knows_its_spread():
     assert found.converged.all()
     assert abs(poles.mean() - 0.9) < 4 * poles.std() / np.sqrt(poles.size)
     stated = modified_least_squares(y[0], u[0], Orders(1, 0), TS).pole_errors[0]
-    assert stated == pytest.approx(poles.std(), rel=0.35)  # 40 runs know their spread to 11 %
+    assert stated == pytest.approx(poles.std(), rel=0.35)  # the spread of 40 runs has an uncertainty of 11 %
 
 
 def test_dead_time_adds_poles_at_zero_without_error():
@@ -98,8 +98,8 @@ def test_dead_time_adds_poles_at_zero_without_error():
 
 
 def test_coloured_noise_leads_it_astray_and_armax_follows():
-    """Noise 1 / (1 - 0.95 q^-1) on the sensor is beyond (5-4), (5-5), which settle on another plant; A y = B u + C v
-    with one more pole in A and B holds it."""
+    """Sensor noise 1 / (1 - 0.95 q^-1) violates (5-4) and (5-5), so the modified method finds another plant; the model
+    A y = B u + C v with one more pole in A and B includes this noise."""
     runs = [record(3000, 1.0, seed, colour=(1.0, -0.95)) for seed in range(6)]
     modified = np.array([modified_least_squares(*r, ORDERS, TS).model.denominator for r in runs])
     full = np.array([armax(*r, Orders(3, 2), TS, noise_order=2).model.denominator for r in runs])

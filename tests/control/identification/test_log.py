@@ -57,7 +57,7 @@ def test_what_is_written_is_read(tmp_path):
 
 @pytest.mark.parametrize("name", ["a.csv", "a.log", "folder.csv"])
 def test_a_written_log_replaces_a_written_log_alone(tmp_path, name):
-    """Not one that a rig has measured, however alike their headings are."""
+    """A log that a rig measured is kept, even if its headings are the same."""
     log, path = make_log(1e-3, {"x": [1.0, 2.0]}, {"x": "mm"}), tmp_path / name
     if name == "folder.csv":
         path.mkdir()
@@ -135,7 +135,7 @@ def test_a_log_that_cannot_be(Ts, signals, says):
 
 
 def test_a_number_behind_a_name_is_no_unit(tmp_path):
-    """u_1 and y_1 are channels; only in brackets does a 1 say that a column has no unit."""
+    """u_1 and y_1 are channels; a 1 means "no unit" only in brackets."""
     (tmp_path / "log.csv").write_text("time_s,u_1,y_mm,v (1)\n0,1,2,3\n0.1,2,3,4\n")
     found = read_log(
         tmp_path / "log.csv", {"u": ["u_1"], "y": ["y"], "v": ["v"]}, units={"u_1": "V"}, whole_names=True
@@ -186,7 +186,7 @@ def test_a_log_without_a_reference_is_at_rest_at_its_first_sample(tmp_path):
 
 
 def test_what_cuts_every_line_alike_is_the_delimiter(tmp_path):
-    """Also where the numbers' commas, of which one row has fewer, would cut most of them."""
+    """Even where a decimal comma would cut most lines; one line has no comma in its numbers."""
     rows = "".join(f"{k} {k},5\n" for k in range(9)) + "9 10\n"
     path = tmp_path / "log.txt"
     path.write_text("u,in_mV y_mV\n" + rows)
@@ -197,7 +197,7 @@ def test_what_cuts_every_line_alike_is_the_delimiter(tmp_path):
 
 @pytest.mark.parametrize("text", ["1,5", "-1,5", "+1,5", ",5", "-,5", "1,5e-3", "-1,5E+3", "12,"])
 def test_a_decimal_comma_in_any_form_of_number(tmp_path, text):
-    """One such number among whole ones; a trailing comma alone says nothing, and stands in a file of them."""
+    """One such number in a column of whole ones; a trailing comma alone decides nothing, so that file has another."""
     beside = "2,25" if text == "12," else "7"
     rows = ["time (ms);position (mm)", f"0;{text}", f"2;{beside}", "4;8"]
     (tmp_path / "log.csv").write_text("\n".join(rows))
@@ -224,7 +224,7 @@ def test_a_decimal_comma_in_one_column_alone(tmp_path, column):
     ("late", "even"), [(0.0195, True), (0.0205, False), (-0.0195, True), (-0.0205, False)]
 )
 def test_a_step_may_be_two_percent_off_the_mean(tmp_path, late, even):
-    """One sample in the middle comes late or early: the step before it is off by `late`, the one after it by -late."""
+    """One sample in the middle is late or early: the step before it is longer by `late`, the next one shorter."""
     times = np.arange(11.0)
     times[5] += late
     rows = "\n".join(f"{time!r},{k}" for k, time in enumerate(times.tolist()))
@@ -238,7 +238,7 @@ def test_a_step_may_be_two_percent_off_the_mean(tmp_path, late, even):
 
 @pytest.mark.parametrize(("drift", "even"), [(0.45, True), (0.55, False)])
 def test_times_may_drift_by_half_a_step(tmp_path, drift, even):
-    """Steps all within 2 %, but slower in the first half than in the second: the middle is off by `drift` steps."""
+    """Every step is within 2 %, but the second half is faster than the first: the middle is off by `drift` steps."""
     half = 40
     first, second = 1.0 + drift / half, 1.0 - drift / half
     times = np.concatenate([[0.0], np.cumsum([first] * half + [second] * half)])

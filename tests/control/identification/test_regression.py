@@ -1,4 +1,4 @@
-"""Least squares on past outputs and inputs, all at once and sample by sample, against their closed forms."""
+"""Least squares on past outputs and inputs, in one solution and recursively, against their closed forms."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ Y, U = RNG.normal(size=(3, 40)), RNG.normal(size=(3, 40))
 
 
 def regressors(y, u, orders):
-    """Written out, sample by sample."""
+    """The regressor matrix, sample by sample."""
     return np.array(
         [
             [-y[n - i] for i in range(1, orders.poles + 1)]
@@ -61,7 +61,7 @@ def test_as_many_samples_as_coefficients_leave_no_errors():
 
 
 def test_recursion_ends_at_the_least_squares_with_its_prior():
-    """(X'X + P0^-1)^-1 X'y, in closed form; every sample's estimate is that of the samples before it."""
+    """(X'X + P0^-1)^-1 X'y in closed form; the estimate at each sample uses the samples before it."""
     orders = Orders(2, 1)
     run = recursive_least_squares(Y[0], U[0], orders, start_variance=1e3)
     x = regressors(Y[0], U[0], orders)
@@ -82,7 +82,7 @@ def test_forgetting_weighs_old_samples_less():
 
 
 def test_extended_recursion_written_out():
-    """Ljung's (11.45) with errors after the update, newest first, behind the regressors."""
+    """Ljung's (11.45); errors after the update, newest first, follow the regressors."""
     orders, noise = Orders(2, 1), 2
     run = recursive_least_squares(Y[0], U[0], orders, noise_order=noise, forgetting=0.98, start_variance=50.0)
     theta, information, errors = np.zeros(6), np.eye(6) / 50.0, [0.0, 0.0]

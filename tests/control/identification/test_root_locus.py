@@ -36,8 +36,7 @@ def test_few_gains_follow_the_same_branches_as_many():
 
 
 def test_the_arc_of_figure_5_6():
-    """As the gain falls the complex pair of the model moves outwards and reaches the unit circle, as the poles of
-    Table 5-2 do."""
+    """As the gain falls, the complex pair of the model moves out to the unit circle, like the poles of Table 5-2."""
     locus = root_locus(PLANT, CONTROLLER, [0.05, 0.15, 0.2, 0.334, 0.5])
     size = np.array([np.abs(p[np.argmax(p.imag)]) for p in locus.poles])
     assert np.all(np.diff(size) < 0)
@@ -45,7 +44,7 @@ def test_the_arc_of_figure_5_6():
 
 
 def test_a_loop_that_answers_at_once():
-    """As many zeros as poles, so that the first coefficient changes with the gain: of (q - 0.9)^2 + k (q - 0.5)^2."""
+    """With as many zeros as poles the leading coefficient depends on the gain: (q - 0.9)^2 + k (q - 0.5)^2."""
     gains = np.array([0.5, 1.0, 2.0])
     poles = root_locus(([1.0, -1.0, 0.25], [1.0, -1.8, 0.81]), ([1.0], [1.0]), gains).poles
     root = 1j * np.sqrt(gains)

@@ -10,7 +10,7 @@ T = np.linspace(0, 3, 1501)
 
 
 def second_order(gain, w, damping):
-    """scipy's own integration."""
+    """Step response, integrated by scipy."""
     return step(lti([gain * w * w], [1.0, 2 * damping * w, w * w]), T=T)[1]
 
 
