@@ -47,16 +47,16 @@ def pytest_collection_finish():
     gc.enable()
 
 
-# Files that start together, one per process. The first process compiles common functions for a minute, then the loop
-# of simulations. The second one compiles the current solver and other kernels, then lookups and the wrench on a body.
-# Kernels needed by both at the same time would be compiled twice.
+# The first two start together, one per process. One process compiles what most tests call, the other single kernels.
+# Kernels needed by both at the same time would be compiled twice. Folders whose files have few and long tests follow,
+# so that the last files are short.
 FIRST = (
     "tests/test_records.py",
-    "tests/kernels/test_current_solver.py",
-    "tests/dynamics/test_scenarios.py",
     "tests/kernels/",
-    "tests/kernels/test_lookup.py",
-    "tests/dynamics/test_rigid_body.py",
+    "tests/maps/",
+    "tests/interop/",
+    "tests/dynamics/",
+    "tests/docs/",
 )
 SLOW = Path(__file__).parent / "slow.txt"
 

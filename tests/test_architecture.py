@@ -11,28 +11,34 @@ import pytest
 ROOT = Path(__file__).parents[1]
 
 
-@pytest.fixture
-def counts(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "scripts" / "dev"))
-    return importlib.import_module("architecture_counts")
+@pytest.fixture(scope="module")
+def counts():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(ROOT / "scripts" / "dev"))
+        return importlib.import_module("architecture_counts")
 
 
-def test_modules_import_each_other_in_no_circle(counts):
-    package = counts.modules(ROOT)
+@pytest.fixture(scope="module")
+def package(counts):
+    """The modules of this package, read once."""
+    return counts.modules(ROOT)
+
+
+def test_modules_import_each_other_in_no_circle(counts, package):
     assert not counts.circles(counts.imports(package))
 
 
-def test_packages_import_each_other_in_no_circle(counts):
-    assert not counts.circles(counts.by_packages(counts.modules(ROOT)))
+def test_packages_import_each_other_in_no_circle(counts, package):
+    assert not counts.circles(counts.by_packages(package))
 
 
-def test_an_import_is_no_string(counts):
+def test_an_import_is_no_string(counts, package):
     """Imports by a quoted name are of libraries, which may be missing, and of modules in the same package: alternatives
     in a folder, and tables for lazy imports. `fieldmap` itself names modules for users.
     """
     named = {
         (module.name, name)
-        for module in counts.modules(ROOT).values()
+        for module in package.values()
         for name in counts.imports_by_name(module)
         if name.startswith(("fieldmap", "*")) and module.name != "fieldmap"
     }

@@ -20,7 +20,8 @@ from fieldmap.errors import Infeasible, Problem
 from fieldmap.records import Record
 from fieldmap.typing import Array
 
-_FREQUENCIES, _SEED = 1500, 1
+# Number of frequencies of a curve. The search for the region of the optimum uses every `_EVERY`-th of them.
+_FREQUENCIES, _EVERY, _SEED = 1500, 5, 1
 # Range of the integral time, times the crossover in rad/s.
 _TIMES = (0.1, 1e4)
 # Merit of a loop: the logarithm of |Kc| / Ti if it has the margins, otherwise `_WITHOUT_MARGINS` plus the share of the
@@ -171,9 +172,11 @@ class _Search:
         there = np.abs(self.law(at, Ti, Td) * self.answer(at[:, 0])[:, None])
         return np.where(sign < 0.0, -1.0, 1.0) / there, Ti, Td
 
-    def margins(self, Kc: Array, Ti: Array, Td: Array) -> Array:
-        """Margins (5, k) of the loops with gains and times (k, 1)."""
-        return margins_of_curves(self.frequencies, Kc * self.law(self.frequencies, Ti, Td) * self.answers)
+    def margins(self, Kc: Array, Ti: Array, Td: Array, every: int = 1) -> Array:
+        """Margins (5, k) of the loops with gains and times (k, 1), at every `every`-th frequency, the last included."""
+        some = slice(None, None, -every)
+        frequencies, answers = self.frequencies[some][::-1], self.answers[some][::-1]
+        return margins_of_curves(frequencies, Kc * self.law(frequencies, Ti, Td) * answers)
 
     def shares(self, margins: Array) -> Array:
         """Ratios (4, k) of margins (5, k) to the required ones; gains by their logarithms."""
@@ -183,25 +186,31 @@ class _Search:
         phase = np.nan_to_num(margins[2] / self.phase_margin, nan=np.inf)
         return np.array([*gains, phase, margins[4] / self.modulus])
 
-    def tuned(self, tried: Array) -> list[TunedPID]:
-        """The controllers with their margins and largest poles."""
+    def tuned(self, tried: Array, every: int = 1) -> list[TunedPID]:
+        """The controllers with their margins at every `every`-th frequency and their largest poles."""
         Kc, Ti, Td = self.gains(tried)
-        margins = self.margins(Kc, Ti, Td)
+        margins = self.margins(Kc, Ti, Td, every)
         shares = self.shares(margins).min(axis=0)
-        found = []
-        for *numbers, share, of in zip(Kc[:, 0], Ti[:, 0], Td[:, 0], shares, margins.T, strict=True):
+        pids = []
+        for numbers in zip(Kc[:, 0], Ti[:, 0], Td[:, 0], strict=True):
             gain, integral, derivative = (float(number) for number in numbers)
             rules: Any = {"integration": self.integration, "acts_on_minus_error": gain < 0.0}
-            pid = PID(abs(gain), integral, derivative, self.Ts, Tf=derivative / self.N, c=0.0, **rules)
-            found.append(TunedPID(pid, Margins("", *of.tolist()), self.largest_pole(pid), float(share)))
-        return found
+            pids.append(PID(abs(gain), integral, derivative, self.Ts, Tf=derivative / self.N, c=0.0, **rules))
+        return [
+            TunedPID(pid, Margins("", *of.tolist()), float(pole), float(share))
+            for pid, of, pole, share in zip(pids, margins.T, self.largest_poles(pids), shares, strict=True)
+        ]
 
-    def largest_pole(self, pid: PID) -> float:
-        """Largest magnitude of a closed-loop pole in q."""
-        (A, B, C), k = self.plant, pid_block(pid, ALONE)
-        listen = k.D[0, 3] * np.outer(B, C)
-        loop = np.block([[A + listen, np.outer(B, k.C[0])], [np.outer(k.B[:, 3], C), k.A]])
-        return float(np.abs(scipy.linalg.eigvals(loop)).max())
+    def largest_poles(self, pids: list[PID]) -> Array:
+        """Largest magnitude (k,) of a closed-loop pole in q, for each controller."""
+        A, B, C = self.plant
+        n, through = len(A), np.outer(B, C)
+        loops = np.empty((len(pids), n + 3, n + 3))
+        for loop, pid in zip(loops, pids, strict=True):
+            k = pid_block(pid, ALONE)
+            loop[:n, :n], loop[:n, n:] = A + k.D[0, 3] * through, np.outer(B, k.C[0])
+            loop[n:, :n], loop[n:, n:] = np.outer(k.B[:, 3], C), k.A
+        return np.asarray(np.abs(np.linalg.eigvals(loops)).max(axis=1))
 
     def best(self) -> TunedPID | None:
         """The loop with the largest merit; None if no stable one was found.
@@ -214,7 +223,7 @@ class _Search:
         bounds = [(-1.0, 1.0), tuple(np.log(at)), tuple(np.log(_TIMES)), (0.0, 1.0)]
 
         def lacking(tried: Array) -> Array:
-            return np.array([-_merit(one) for one in self.tuned(tried)])
+            return np.array([-_merit(one) for one in self.tuned(tried, _EVERY)])
 
         found = scipy.optimize.differential_evolution(
             lacking,

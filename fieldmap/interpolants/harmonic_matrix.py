@@ -43,6 +43,7 @@ def _two_harmonics(degree: int, i: int) -> tuple[NDArray[np.intp], Array]:
     return rows, np.take_along_axis(matrix, rows, axis=0)
 
 
+@cache
 def largest_on_sphere(degree: int) -> Array:
     """Weights ((degree + 1)^2,) w with |p_l| <= r^l sqrt(sum_m w_lm c_lm^2) at radius r, for each degree l of p.
 

@@ -48,9 +48,16 @@ def test_the_equation_holds(case):
         np.testing.assert_allclose(weights, expected, rtol=1e-12, atol=1e-14 * np.abs(weights).max())
 
 
-def test_the_equation_holds_at_two_hundred_currents():
+@cache
+def two_hundred_currents():
+    """A model with 200 currents, and its numbers for the core."""
     of = model(IndependentCurrents(200), np.full(200, -0.1), np.full(200, 0.1))
-    state = CoreIron(core_numbers(compiled_model(of, checked=True))).state()
+    return of, core_numbers(compiled_model(of, checked=True))
+
+
+def test_the_equation_holds_at_two_hundred_currents():
+    of, numbers = two_hundred_currents()
+    state = CoreIron(numbers).state()
     for currents in drawn(of, 3):
         status, weights = weights_of(of, state, currents, 1e-13)
         assert status == FOUND

@@ -58,7 +58,7 @@ def law(h, previous, cells=CELLS, weights=WEIGHTS):
     of = PlayCells(np.zeros(len(h)), *LAW, cells, weights)
     of.respond(h, np.concatenate([previous, known], axis=-1), polarisation, after, packed)
     moved, ratio = after[..., :3], after[..., 3:]
-    assert ratio == pytest.approx(chord(np.linalg.norm(moved, axis=-1, keepdims=True)), rel=1e-9)
+    np.testing.assert_allclose(ratio, chord(np.linalg.norm(moved, axis=-1, keepdims=True)), rtol=1e-9)
     return polarisation, packed[:, PACKED], moved
 
 

@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from fieldmap.interop import fmu
 from fieldmap.kernels.coils.loop import loop_flux_density_and_gradient
 from fieldmap.lookup import interpolate
 from fieldmap.store import Grid, MapData
@@ -85,6 +86,19 @@ def fmpy(validation, usable):
 
     run.program, run.python = program, python
     return run
+
+
+@pytest.fixture(scope="session")
+def write_fmu_quickly():
+    """write_fmu without optimisation by the compiler, which takes a fifth of the time for iron and drives. Other units
+    of the same kind are compiled with the options of users."""
+
+    def write(*arguments, **named):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(fmu, "_FLAGS", tuple("-O0" if flag == "-O2" else flag for flag in fmu._FLAGS))
+            return fmu.write_fmu(*arguments, **named)
+
+    return write
 
 
 @pytest.fixture

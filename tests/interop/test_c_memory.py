@@ -36,6 +36,12 @@ def build(target, *flags):
     return target
 
 
+@pytest.fixture(scope="module")
+def as_the_library(tmp_path_factory):
+    """Path of remember.c compiled with the options of the core."""
+    return build(tmp_path_factory.mktemp("c") / "remember", *STRICT, *AS_THE_LIBRARY)
+
+
 @pytest.fixture
 def oldest_library(monkeypatch):
     """Python with the library of the oldest processor."""
@@ -85,8 +91,8 @@ def by_c(program, path, rows, folder, *parts):
     return np.array(found), np.fromfile(folder / "stored")
 
 
-def compare(m, folder, flags):
-    program, path = build(folder / "remember", *flags), write_c_iron_map(m, folder / "iron.fmap")
+def compare(m, folder, program):
+    path = write_c_iron_map(m, folder / "iron.fmap")
     rows = drawn(m)
     exact, memory = by_python(m, rows)
     for parts in ([(0, STEPS)], [(0, HALF), (HALF, STEPS)]):
@@ -99,26 +105,27 @@ def compare(m, folder, flags):
     assert np.abs(straight - exact[:, 3:6]).max() > 0.01 * np.abs(straight).max()
 
 
-def test_a_path_has_the_bits_of_python_stopped_or_not(ring, oldest_library, tmp_path):
-    compare(remembering(ring), tmp_path, [*STRICT, *AS_THE_LIBRARY])
+def test_a_path_has_the_bits_of_python_stopped_or_not(ring, as_the_library, oldest_library, tmp_path):
+    compare(remembering(ring), tmp_path, as_the_library)
 
 
 @pytest.mark.skipif(not UNIT.exists(), reason="no map of the drive unit: fieldmap map remembering")
-def test_so_has_a_path_of_the_drive_unit(oldest_library, tmp_path):
-    compare(fm.open_map(UNIT), tmp_path, AS_THE_LIBRARY)
+def test_so_has_a_path_of_the_drive_unit(as_the_library, oldest_library, tmp_path):
+    compare(fm.open_map(UNIT), tmp_path, as_the_library)
 
 
 @pytest.mark.parametrize(("history", "level"), [("shaken", [0.2, 0.3, -0.1, 0.4]), ("demagnetised", None)])
-def test_a_program_begins_with_the_memory_that_was_written(ring, oldest_library, tmp_path, history, level):
+def test_a_program_begins_with_the_memory_that_was_written(
+    ring, as_the_library, oldest_library, tmp_path, history, level
+):
     m = remembering(ring).memory(history, level)
-    program = build(tmp_path / "remember", *AS_THE_LIBRARY)
-    found, memory = by_c(program, write_c_iron_map(m, tmp_path / "a.fmap"), drawn(m), tmp_path, (0, 3))
+    found, memory = by_c(as_the_library, write_c_iron_map(m, tmp_path / "a.fmap"), drawn(m), tmp_path, (0, 3))
     exact, remembered = by_python(m, drawn(m)[:3])
     np.testing.assert_array_equal(found, exact)
     np.testing.assert_array_equal(memory, remembered)
     # The same with the memory that a path has left.
     later = m.step([0.5, -0.5, 0.5, -0.5])
-    by_c(program, write_c_iron_map(later, tmp_path / "b.fmap"), drawn(m), tmp_path, (0, 0))
+    by_c(as_the_library, write_c_iron_map(later, tmp_path / "b.fmap"), drawn(m), tmp_path, (0, 0))
     np.testing.assert_array_equal(np.fromfile(tmp_path / "stored"), later.remembered)
 
 

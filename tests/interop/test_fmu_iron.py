@@ -31,23 +31,25 @@ KINDS_OF_IRON = {
 
 
 class Written(dict):
-    """Units by kind of iron, version of FMI and whether a body is inside, each made by the first test that asks."""
+    """Units by kind of iron, version of FMI and whether a body is inside, each made by the first test that asks.
+    Units with memory in version 3 are compiled with the options of users."""
 
-    def __init__(self, ring, folder):
+    def __init__(self, ring, folder, write_fmu_quickly):
         self.maps = {name: saturating(ring, *KINDS["free"], **more) for name, more in KINDS_OF_IRON.items()}
-        self.folder = folder
+        self.folder, self.write_quickly = folder, write_fmu_quickly
 
     def __missing__(self, key):
         name, version, inside = key
         what = {"body": BODY} if inside else {"magnet": MOMENT}
         path = self.folder / f"{name} {version} {inside}.fmu"
-        self[key] = write_fmu(self.maps[name], path, version=version, **what)
+        write = write_fmu if (name, version) == ("memory", 3) else self.write_quickly
+        self[key] = write(self.maps[name], path, version=version, **what)
         return self[key]
 
 
 @pytest.fixture(scope="module")
-def written(ring, tmp_path_factory):
-    return Written(ring, tmp_path_factory.mktemp("units"))
+def written(ring, tmp_path_factory, write_fmu_quickly):
+    return Written(ring, tmp_path_factory.mktemp("units"), write_fmu_quickly)
 
 
 class Unit:
@@ -249,10 +251,10 @@ def test_the_source_is_strict_and_no_argument_makes_it_touch_other_memory(writte
         strict_and_within_its_memory(written[iron, version, inside], tmp_path / f"unit {inside}")
 
 
-def test_it_begins_with_the_memory_of_the_map_and_within_the_domain(ring, tmp_path):
+def test_it_begins_with_the_memory_of_the_map_and_within_the_domain(ring, write_fmu_quickly, tmp_path):
     m = saturating(ring, *KINDS["division"], cells=CELLS)
     for name, of in (("shaken", m.memory("shaken", 1.2)), ("demagnetised", m.memory("demagnetised"))):
-        unit = Unit(write_fmu(of, tmp_path / f"{name}.fmu", MOMENT), tmp_path / name)
+        unit = Unit(write_fmu_quickly(of, tmp_path / f"{name}.fmu", MOMENT), tmp_path / name)
         currents = unit.get("current_", range(1, 7))
         assert m.info.reduced_model.domain.holds(currents)
         compare(unit.outputs()[None], by_python(of, currents[None]), 1e-5)

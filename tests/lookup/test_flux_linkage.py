@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -59,8 +60,13 @@ def coenergy_of(of, currents):
     return minimize(functional, np.zeros(MODES), jac=slope, method="BFGS", options={"gtol": 1e-13}).fun
 
 
+@cache
+def core_of(of):
+    return CoreIron(core_numbers(compiled_model(of, False)))
+
+
 def in_core(of, currents, inductance=True):
-    state = CoreIron(core_numbers(compiled_model(of, False))).state()
+    state = core_of(of).state()
     linkages, slopes = np.empty(len(currents)), np.empty((len(currents), len(currents)))
     assert state.linkages(currents, linkages, slopes if inductance else None, tolerance=1e-11) == FOUND
     return linkages, slopes

@@ -7,7 +7,7 @@ import pytest
 
 from fieldmap.maps import generate, generation
 from fieldmap.maps.error_bound import certified_bounds
-from fieldmap.maps.training import condensation
+from fieldmap.maps.training import condensation, sampling, sequence
 
 DEVICES = Path(__file__).parents[1] / "devices"
 DEVICE = (DEVICES / "pair.toml").read_text()
@@ -95,6 +95,15 @@ def few_states(tmp_path):
     return write_few_states(tmp_path)
 
 
+def with_little_care(patch):
+    """Limit the rounds of the choice of sample points and the states tried in each. A training that cannot reach the
+    accuracy uses up all of them. Other tests cover the accuracy of few points and modes."""
+    patch.setattr(condensation, "_STATES", 60)
+    patch.setattr(sequence, "ROUNDS", 6)
+    patch.setattr(sampling, "_EXTREMES", 8)
+    patch.setattr(sampling, "_RANDOM", 8)
+
+
 @pytest.fixture(scope="session")
 def few_states_map(tmp_path_factory):
     """The map of that recipe with its error accepted, to be read only: path, the field function of its certificate, and
@@ -107,8 +116,7 @@ def few_states_map(tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(generation, "certified_bounds", keep)
-        # Another test covers how fewer modes change the field.
-        patch.setattr(condensation, "_STATES", 60)
+        with_little_care(patch)
         path = generate(
             write_few_states(folder),
             folder / "map.h5",

@@ -24,7 +24,7 @@ from fieldmap.maps.training import condensation, sampling, sequence, training
 from fieldmap.maps.training.currents import is_among
 from fieldmap.maps.training.plan import Plan
 from fieldmap.store import MissedAccuracy, check_map, checkpoint_path, missed_accuracy, read_map, write_map
-from tests.maps.conftest import write_few_states
+from tests.maps.conftest import with_little_care, write_few_states
 
 ASKED = 1e-9
 PLAN = Plan(states=40, accuracy=1e-3, modes=30, points=200, fields=10, held_out=12, tolerance=1e-3)
@@ -59,7 +59,7 @@ def runs(tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(NonlinearSolver, "solve_potential", counted)
-        patch.setattr(condensation, "_STATES", 60)
+        with_little_care(patch)
         patch.setattr(generation, "certified_bounds", lambda *_: {})
         made = [run(), run("--accept-error"), run(), run("--accept-error")]
     return SimpleNamespace(recipe=recipe, target=target, made=made)

@@ -12,6 +12,7 @@ from fieldmap.maps import generate, generation
 from fieldmap.maps.training import condensation
 from fieldmap.parallel import WorkerDied, workers
 from fieldmap.store import checkpoint_path, read_info, read_map
+from tests.maps.conftest import with_little_care
 
 
 @pytest.fixture
@@ -20,6 +21,7 @@ def failing(monkeypatch):
     that they have numbers. Later stages are made with little care."""
     monkeypatch.setattr(workers, "threads_of_kernels", lambda: 1)
     monkeypatch.setattr(generation, "certified_bounds", lambda *_: {})
+    with_little_care(monkeypatch)
     monkeypatch.setattr(condensation, "_STATES", 20)
     monkeypatch.setattr(condensation, "_TRIED", 10)
     solve = NonlinearSolver.solve_potential

@@ -90,7 +90,8 @@ def cross(block, x, y, z, tolerance, left, right):
     return -1
 
 
-@njit(forceinline=True)
+# Not inlined: QR and singular values take seconds to compile, and inlining would compile them again in the caller.
+@njit
 def recompress(left, right, rank, tolerance):
     """Lower the rank of left^T right as far as the tolerance allows, in place; returns the new rank."""
     rows, a = np.linalg.qr(left[:rank].T)
@@ -101,9 +102,14 @@ def recompress(left, right, rank, tolerance):
     while kept > 1 and tail + s[kept - 1] ** 2 <= tolerance * tolerance * total:
         tail += s[kept - 1] ** 2
         kept -= 1
-    root = np.sqrt(s[:kept]).reshape(kept, 1)
-    left[:kept] = root * (np.ascontiguousarray(p.T)[:kept] @ np.ascontiguousarray(rows.T))
-    right[:kept] = root * (np.ascontiguousarray(qt)[:kept] @ np.ascontiguousarray(columns.T))
+    u = np.ascontiguousarray(p.T)[:kept] @ np.ascontiguousarray(rows.T)
+    v = np.ascontiguousarray(qt)[:kept] @ np.ascontiguousarray(columns.T)
+    for k in range(kept):
+        root = math.sqrt(s[k])
+        for i in range(u.shape[1]):
+            left[k, i] = root * u[k, i]
+        for i in range(v.shape[1]):
+            right[k, i] = root * v[k, i]
     return kept
 
 
