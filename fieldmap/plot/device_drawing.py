@@ -37,9 +37,9 @@ VIEW: Final = (0.42, -1.0, 0.27)
 """Direction towards the viewer, who stands in front (-y), a little to the right and above."""
 # Opacity of a solid in front of the workspace, and the share of the workspace that a solid must hide for it.
 _TRANSLUCENT, _HIDDEN = 0.25, 0.1
-# The arrow of a field sensor, of the largest length of the machine.
+# Length of the arrow of a field sensor, as a share of the largest length of the machine.
 _SENSOR_LENGTH = 0.09
-# The arrow of a moment, at the least, of the shortest side of the workspace: that of a small bead is seen.
+# Shortest arrow of a moment, as a share of the shortest side of the workspace: the arrow shows where a small bead is.
 _MOMENT_LENGTH = 0.4
 # Arrows of B along a slice, their length over their distance, and how far before it they lie, mm.
 _ARROWS, _ARROW_LENGTH, _BEFORE = 7, 0.62, 0.3
@@ -238,8 +238,10 @@ def arrows_at(places: Array, vectors: Array, longest: float) -> pv.PolyData:
 
 
 def add_payload(scene: pv.Plotter, payload: Payload, at: Array, shortest: float = 0.0) -> None:
-    """The payload's magnet, or its pieces, upright about (3,), mm, and an arrow along the moment of each magnet, on the
-    face towards which it points: as long as the magnet's longest side, or `shortest`, mm."""
+    """Draw the payload's magnet, or its pieces, upright about `at` (3,), mm, and the moment of each magnet as an arrow.
+
+    The arrow starts at a face of the magnet. It is as long as the magnet's longest side, and at least `shortest`, mm.
+    """
     for piece in payload.pieces:
         surface = solids.piece_surface(piece).translate(at, inplace=False)
         if isinstance(piece.shape, SoftBody):
