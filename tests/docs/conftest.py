@@ -45,14 +45,21 @@ def rewriting(request) -> bool:
 def hold_picture(rewriting):
     """hold_picture(name, made_by, key, content, drawn): compare a picture's record with this content.
 
-    drawn: the new file, which replaces the picture when pictures are written anew.
+    drawn: the new file, which replaces the picture when pictures are written anew. share: as in `differences`.
     """
     from tests.docs.picture_record import differences
 
-    def hold(name: str, made_by: str, key: str, content: dict[str, Any], drawn: Path | None = None) -> None:
+    def hold(
+        name: str,
+        made_by: str,
+        key: str,
+        content: dict[str, Any],
+        drawn: Path | None = None,
+        share: float = 1e-3,
+    ) -> None:
         known = records() if RECORDS.is_file() else {}
         entry = known.get(name, {})
-        changed = differences(entry.get(key), content)
+        changed = differences(entry.get(key), content, share=share)
         redrawn = drawn is None and digest(IMAGES / name) != entry.get("sha256")
         if rewriting and (changed or redrawn or entry.get("made_by") != made_by):
             if drawn is not None:
