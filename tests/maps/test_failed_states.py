@@ -117,8 +117,8 @@ def test_a_state_that_stops_the_run_leaves_those_before_it_and_the_same_map_come
     few_states, tmp_path, monkeypatch
 ):
     """Several states at a time: the failing state is known by its currents."""
-    solve, solved = NonlinearSolver.solve, []
-    monkeypatch.setattr(NonlinearSolver, "solve", counted(solve, solved))
+    solve, solved = NonlinearSolver.solve_potential, []
+    monkeypatch.setattr(NonlinearSolver, "solve_potential", counted(solve, solved))
     whole = generate(few_states, tmp_path / "whole.h5", accept_error=True)
     stopped = tmp_path / "stopped.h5"
     at = solved[4][1]
